@@ -1,0 +1,55 @@
+# `make run` and `make test` do all the set-up themselves; they need Python 3.11 or later and make, nothing else.
+
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+# Further flags for the run, for example: make run ARGS="--dataset kinder-gator --task adult:child"
+ARGS   ?=
+# Test workers: as many as there are cores, at most 8.
+WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1); [ $$n -gt 8 ] && n=8; echo $$n)
+
+.DEFAULT_GOAL := help
+.PHONY: help install run test test-slow lint format speed clean
+
+help:  ## Show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+install: $(VENV)/.installed  ## Make .venv with the suite and everything its tests need
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and f"Python 3.11 or later is needed, and $(PYTHON) is {sys.version.split()[0]}: make PYTHON=python3.11 ...")'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "installing into $(VENV) (a few minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt setuptools
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[test]'
+	@touch $@
+
+run: install  ## Compare all methods on the embedded data and say where the report is
+	@$(BIN)/python -m benchmark run --methods all $(ARGS)
+
+lint: install  ## Style, types and layers
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+format: install  ## Put the sources in shape
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+test: lint  ## Lint, layer check and the test suite
+	@$(BIN)/python -m pytest -n $(WORKERS)
+
+test-slow: install  ## The tests that take minutes
+	@$(BIN)/python -m pytest -n $(WORKERS) -m slow
+
+$(VENV)/.peers: $(VENV)/.installed
+	@echo "installing the libraries that ours are timed against"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[peers]'
+	@touch $@
+
+speed: $(VENV)/.peers  ## Time our readers, kinematics and alignment beside other libraries, in one run
+	@$(BIN)/python tests/speed/run.py
+
+clean:  ## Remove .venv and tool caches; runs/ is kept
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info

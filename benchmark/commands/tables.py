@@ -1,0 +1,114 @@
+"""Tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from benchmark.runner.run import Prepared
+
+_ARROWS = {"lower": "↓", "higher": "↑", "target": "→", "none": ""}
+
+
+def plan_table(prepared: Prepared) -> Table:
+    """The plan with what is cached."""
+    from benchmark.runner.run import cell_states, to_execute
+
+    states = cell_states(prepared)
+    runs = sum(to_execute(prepared.config, cell, states[cell.key]) for cell in prepared.cells)
+    table = Table(title=f"{len(prepared.cells)} cells, {runs} to run, in {prepared.folder}", title_justify="left")
+    for name in ("cell", "task", "method", "rep", "seed", "device", "now", "will be", "why"):
+        table.add_column(name, overflow="fold")
+    for cell in prepared.cells:
+        status = states[cell.key]
+        will = "run" if to_execute(prepared.config, cell, status) else {"ok": "kept"}.get(status.state, status.state)
+        reason = status.reason if status.state != "missing" else ""
+        row = [cell.key[:12], cell.task, cell.method, str(cell.repetition), str(cell.seed), cell.device]
+        table.add_row(*(Text(value) for value in [*row, status.state, will, reason]))
+    return table
+
+
+def leaderboard_tables(rows: Sequence[dict[str, Any]]) -> list[Table]:
+    """One table for each task and group of metrics: methods as rows, real motion last, the best of the others in bold.
+
+    Physics is shown without and with the common foot lock; other groups without.
+    """
+    tables = []
+    for task in dict.fromkeys(row["task"] for row in rows):
+        of_task = [row for row in rows if row["task"] == task]
+        groups: dict[str, list[dict[str, Any]]] = {}
+        for row in of_task:
+            groups.setdefault(row["metric"].partition("/")[0], []).append(row)
+        tables += [_group_table(task, group, members) for group, members in groups.items()]
+    return tables
+
+
+def _group_table(task: str, group: str, rows: Sequence[dict[str, Any]]) -> Table:
+    from benchmark.runner.views import REAL
+
+    variants = ("raw", "cleaned") if group == "physics" else ("raw",)
+    rows = [row for row in rows if row["variant"] in variants]
+    metrics = {row["metric"]: row for row in reversed(rows)}
+    names = sorted(dict.fromkeys((row["method"], row["variant"]) for row in rows), key=lambda pair: pair[0] == REAL)
+    cells = {(row["method"], row["variant"], row["metric"]): row for row in rows}
+    table = Table(title=Text(f"{group}, {task}: mean over clips (n)"), title_justify="left")
+    table.add_column("method", no_wrap=True)
+    shown = list(dict.fromkeys(row["metric"] for row in rows))
+    for metric in shown:
+        info = metrics[metric]
+        aim = f"→ {info['target']:g}" if info["direction"] == "target" else _ARROWS[info["direction"]]
+        heading = f"{metric.partition('/')[2].replace('_', ' ').replace('-', ' ')} {aim}".strip()
+        table.add_column(Text(heading + ("" if info["unit"] in ("1", "B") else f" [{info['unit']}]")), justify="right")
+    best = {metric: _best([r for r in rows if r["metric"] == metric and r["method"] != REAL]) for metric in shown}
+    for method, variant in names:
+        if method == REAL and variant == "raw":
+            table.add_section()
+        label = method + ("" if variant == "raw" else " (cleaned)") + (" = real" if method == REAL else "")
+        values = [_value(cells.get((method, variant, metric)), best[metric]) for metric in shown]
+        table.add_row(Text(label), *values)
+    return table
+
+
+def _best(rows: Sequence[dict[str, Any]]) -> float | None:
+    known = [row for row in rows if row["mean"] is not None]
+    if not known or known[0]["direction"] == "none":
+        return None
+    direction, target = known[0]["direction"], known[0]["target"]
+    means = [row["mean"] for row in known]
+    if direction == "target":
+        best: float = min(means, key=lambda mean: abs(mean - target))
+    else:
+        best = min(means) if direction == "lower" else max(means)
+    return best
+
+
+def _value(row: dict[str, Any] | None, best: float | None) -> Text:
+    if row is None:
+        return Text("")
+    if row["mean"] is None:
+        return Text("failed" if row["failed"] else "skipped", style="dim")
+    number = _bytes(row["mean"]) if row["unit"] == "B" else _number(row["mean"])
+    return Text(f"{number} ({row['n']})", style="bold" if row["mean"] == best else "")
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def _bytes(value: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if value < 1000:
+            return f"{_number(value)} {unit}"
+        value /= 1000
+    return f"{_number(value)} GB"
+
+
+def make_console() -> Console:
+    """A console for results; wide where there is no terminal to say how wide, so that tables in logs are not folded."""
+    console = Console(highlight=False, emoji=False)  # "adult:child:" is a task, not a picture
+    return console if console.is_terminal else Console(highlight=False, emoji=False, width=160)

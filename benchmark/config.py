@@ -1,0 +1,297 @@
+"""What a run is: strict settings, merged from defaults, a preset, the user's file and the command line.
+
+An unknown setting is an error that names where it was written and suggests the nearest.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from benchmark.errors import ConfigError, UnknownNameError
+
+Overwrite = Literal["missing", "always", "never", "only-cached"]
+Variant = Literal["raw", "cleaned"]
+
+_TASK = re.compile(r"[^:\s]+:[^:\s]+")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+class DatasetConfig(_Strict):
+    """Which data set, where its files are, and its own options."""
+
+    name: str = "synthetic"
+    root: Path | None = None
+    options: dict[str, Any] = {}
+
+
+class SplitConfig(_Strict):
+    """How the clips are divided; ``auto`` is the data set's own protocol, ``file`` takes a stored manifest instead."""
+
+    protocol: str = "auto"
+    fold: Annotated[int, Field(ge=0)] = 0
+    seed: int = 0
+    parameters: dict[str, float] = {}
+    file: Path | None = None
+
+
+class RunConfig(_Strict):
+    """All settings of a run.
+
+    Attributes
+    ----------
+    dataset
+        The data set.
+    tasks
+        ``source:target`` pairs of styles; empty for the data set's own.
+    methods
+        Names, patterns, ``name[variant]``, ``name[param=value]`` or ``all``.
+    metrics
+        Names, patterns or ``all``.
+    params
+        Hyper-parameters by method: ``{"dynamic-scaling": {"length": true}}``.
+    split
+        The split.
+    repetitions
+        How often a method with a random fit or transfer is run; others run once.
+    seed
+        Seed of the run, one axis of every other seed.
+    variants
+        ``raw``: as the method returns it; ``cleaned``: after the foot lock that is the same for all.
+    limit
+        Only so many test clips, spread evenly; ``None`` for all.
+    out
+        The run folder; ``None`` for ``runs/DATASET-TASK``.
+    overwrite
+        ``missing``: run what is missing, damaged or failed; ``always``: everything again; ``never``: keep all there is,
+        failures too; ``only-cached``: run nothing.
+    force
+        Methods to run again whatever there is.
+    time_limit
+        Seconds after which a cell is ended; ``None`` for no limit.
+    jobs
+        Cells at a time, each in a process of its own.
+    threads
+        Threads of the numerical libraries in each process. Part of a cell's key, because the order of sums depends on it;
+        never derived from ``jobs``, so that results do not depend on those.
+    device
+        ``auto`` uses a GPU for methods that ask for one.
+    backend
+        ``processes``, or ``serial`` for a debugger: in this process, without time limits.
+    """
+
+    dataset: DatasetConfig = DatasetConfig()
+    tasks: tuple[str, ...] = ()
+    methods: Annotated[tuple[str, ...], Field(min_length=1)] = ("all",)
+    metrics: Annotated[tuple[str, ...], Field(min_length=1)] = ("all",)
+    params: dict[str, dict[str, Any]] = {}
+    split: SplitConfig = SplitConfig()
+    repetitions: Annotated[int, Field(ge=1)] = 1
+    seed: int = 0
+    variants: Annotated[tuple[Variant, ...], Field(min_length=1)] = ("raw", "cleaned")
+    limit: Annotated[int, Field(ge=1)] | None = None
+    out: Path | None = None
+    overwrite: Overwrite = "missing"
+    force: tuple[str, ...] = ()
+    time_limit: Annotated[float, Field(gt=0)] | None = None
+    jobs: Annotated[int, Field(ge=1)] = 1
+    threads: Annotated[int, Field(ge=1)] = 1
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    backend: Literal["processes", "serial"] = "processes"
+    preset: str | None = None
+
+    @field_validator("tasks")
+    @classmethod
+    def _check_tasks(cls, tasks: tuple[str, ...]) -> tuple[str, ...]:
+        for task in tasks:
+            if not _TASK.fullmatch(task):
+                raise ValueError(f"a task is written source:target, for example adult:child, not {task!r}")
+            source, _, target = task.partition(":")
+            if source == target:
+                raise ValueError(f"the two styles of the task {task!r} are the same")
+        return tuple(dict.fromkeys(tasks))
+
+    @field_validator("variants")
+    @classmethod
+    def _order_variants(cls, variants: tuple[Variant, ...]) -> tuple[Variant, ...]:
+        return tuple(name for name in ("raw", "cleaned") if name in variants)
+
+
+#: Settings that cannot change a number; all others make a run folder what it is.
+OPERATIONAL = ("out", "overwrite", "force", "time_limit", "jobs", "backend", "preset", "methods", "metrics", "params")
+
+
+def presets() -> list[str]:
+    """Names of the presets that come with the suite."""
+    folder = resources.files("benchmark") / "presets"
+    return (
+        sorted(Path(item.name).stem for item in folder.iterdir() if item.name.endswith(".toml"))
+        if folder.is_dir()
+        else []
+    )
+
+
+def load_config(
+    *,
+    preset: str | None = None,
+    file: Path | None = None,
+    flags: Mapping[str, Any] | None = None,
+    assign: Sequence[str] = (),
+) -> RunConfig:
+    """Merge the layers: defaults < ``preset`` < ``file`` < ``flags`` and ``assign``.
+
+    Parameters
+    ----------
+    preset
+        Name of a preset; the user's file may name one too.
+    file
+        A TOML file.
+    flags
+        Settings from the command line, nested as in :class:`RunConfig`; ``None`` values are left out.
+    assign
+        ``"method.param=value"`` texts; the value is TOML, or a plain string.
+
+    Raises
+    ------
+    ConfigError
+        Naming the layer and the setting, for one that does not exist or has a value out of range.
+    """
+    layers: list[tuple[str, dict[str, Any]]] = []
+    user = _read_toml(file) if file is not None else {}
+    preset = preset or user.get("preset")
+    if preset is not None:
+        if preset not in presets():
+            raise UnknownNameError("preset", preset, presets())
+        text = (resources.files("benchmark") / "presets" / f"{preset}.toml").read_text(encoding="utf-8")
+        layers += [(f"preset {preset}", tomllib.loads(text)), ("preset", {"preset": preset})]
+    if file is not None:
+        layers.append((str(file), user))
+    layers.append(("the command line", _without_none(flags or {})))
+    if assign:
+        layers.append(("--set", {"params": _assignments(assign)}))
+    merged: dict[str, Any] = {}
+    for where, layer in layers:
+        _check_names(layer, RunConfig, where)
+        merged = _merge(merged, layer)
+    try:
+        return RunConfig.model_validate(merged)
+    except ValidationError as error:
+        raise ConfigError(_explain(error, layers)) from None
+
+
+def read_config(path: Path) -> RunConfig:
+    """The settings stored in a run folder by :func:`to_toml`."""
+    return load_config(file=path)
+
+
+def to_toml(config: RunConfig) -> str:
+    """The complete settings as TOML that :func:`load_config` reads back; settings that are ``None`` are left out."""
+    return _toml(_without_none(config.model_dump(mode="json")))
+
+
+def parse_value(text: str) -> Any:
+    """A value typed on the command line: TOML where it is TOML (``1``, ``2.5``, ``true``, ``[1, 2]``), else the text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _assignments(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
+    params: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        target, equals, value = text.partition("=")
+        method, dot, param = target.strip().rpartition(".")
+        if not (equals and dot and method and param):
+            raise ConfigError(f"--set {text!r}: write method.param=value, for example dynamic-scaling.time=false")
+        params.setdefault(method, {})[param] = parse_value(value.strip())
+    return params
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"no settings file {path}") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def _without_none(tree: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: _without_none(value) if isinstance(value, Mapping) else value
+        for key, value in tree.items()
+        if value is not None
+    }
+
+
+def _merge(below: dict[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        merged[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, Mapping) else value
+    return merged
+
+
+def _check_names(layer: Mapping[str, Any], model: type[BaseModel], where: str, prefix: str = "") -> None:
+    for key, value in layer.items():
+        field = model.model_fields.get(key)
+        if field is None:
+            error = UnknownNameError("setting", prefix + key, [prefix + name for name in model.model_fields])
+            raise ConfigError(f"{where}: {error}")
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel) and isinstance(value, Mapping):
+            _check_names(value, inner, where, f"{prefix}{key}.")
+
+
+def _explain(error: ValidationError, layers: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+    problems = []
+    for problem in error.errors():
+        location = problem["loc"]
+        where = next((name for name, layer in reversed(layers) if _holds(layer, location[:1])), "settings")
+        message = problem["msg"].removeprefix("Value error, ")
+        problems.append(f"{where}: {'.'.join(map(str, location))}: {message} (got {problem['input']!r})")
+    return "; ".join(problems)
+
+
+def _holds(layer: Any, location: Sequence[Any]) -> bool:
+    for key in location:
+        if not isinstance(layer, Mapping) or key not in layer:
+            return False
+        layer = layer[key]
+    return True
+
+
+def _toml(table: Mapping[str, Any], prefix: str = "") -> str:
+    lines = [f"{_key(key)} = {_toml_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)]
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            name = f"{prefix}{_key(key)}"
+            lines += ["", f"[{name}]", _toml(value, f"{name}.").rstrip("\n")]
+    return "\n".join(lines) + "\n"
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False)
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(key)} = {_toml_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value)

@@ -1,0 +1,169 @@
+"""Joint rotations from joint positions: the inverse of forward kinematics for captures that hold positions only.
+
+A position says where a bone points and nothing about its turn around its own axis, so the answer is not unique. The rules
+here make it a function of the pose wherever they can:
+
+* A joint with several children is turned so that its rest bones lie on the measured ones in the least-squares sense,
+  weighted by bone length (Wahba's problem, SIAM Review 1965, solved as the leading eigenvector of Davenport's 4 x 4 matrix).
+* A joint with one child takes the shortest arc from the direction its bone would have if it moved rigidly with its parent.
+  The plane in which a knee or an elbow bends is *not* used to recover the twist of the thigh or the upper arm: on nearly
+  straight limbs, which is most of everyday motion, that plane is noise and the twist would be too.
+* The shortest arc turns ever faster as a bone nears the opposite of its rest direction. Within :data:`FOLD_CONE` of it the
+  twist is carried over from frame to frame by parallel transport instead, and what is left over when the bone comes out is
+  spread evenly over those frames. The direction of the bone is untouched.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from benchmark.errors import ContractError
+from benchmark.motion import quat
+from benchmark.motion.kinematics import fk
+from benchmark.motion.skeleton import Skeleton
+
+Array = NDArray[np.float64]
+
+#: Radians from the opposite of the rest direction within which twist follows time rather than the pose. Knees and elbows
+#: fold to about 150 degrees, so a healthy limb stays outside.
+FOLD_CONE = np.radians(25.0)
+
+#: Bones shorter than this, in metres, have no direction.
+_SHORTEST = 1e-9
+
+#: Weight of the parent's orientation in Wahba's problem, relative to the bones. It decides only what the bones leave open
+#: (they all lie on one line) and is far below what 1e-9 m can show.
+_PRIOR = 1e-13
+
+
+def rotations_from_positions(skeleton: Skeleton, positions: ArrayLike) -> tuple[Array, Array, Array]:
+    """Local rotations that put a rigid skeleton on measured joint positions.
+
+    Bones are matched by direction, from the root to the leaves; lengths are the skeleton's. Joints without children and
+    joints whose bones have no length keep the rest rotation relative to their parent.
+
+    Parameters
+    ----------
+    skeleton
+        J joints with rest offsets in metres.
+    positions
+        (T, J, 3) measured world positions, metres.
+
+    Returns
+    -------
+    rotations
+        (T, J, 4) local unit quaternions, sign-continuous in time.
+    root
+        (T, 3) position of joint 0: as measured.
+    residual
+        (T, J) distance in metres between the measured joints and those of the posed skeleton.
+
+    Raises
+    ------
+    ContractError
+        If ``positions`` is not finite or not of shape (T, J, 3) with T > 0.
+    """
+    measured = np.asarray(positions, dtype=np.float64)
+    joints = len(skeleton)
+    if measured.ndim != 3 or measured.shape[1:] != (joints, 3) or len(measured) == 0:
+        raise ContractError(
+            f"positions must have shape (T, {joints}, 3) with T > 0 on this skeleton, not {measured.shape}"
+        )
+    if not np.all(np.isfinite(measured)):
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(measured))[0])
+        raise ContractError(f"positions hold {measured[where]} at index {where}")
+
+    rotations = quat.identity(len(measured), joints)
+    world = quat.identity(len(measured), joints)
+    for joint in range(joints):
+        parent = int(skeleton.parents[joint])
+        above = world[:, parent] if parent >= 0 else quat.identity(len(measured))
+        children = [child for child in skeleton.children(joint) if skeleton.bone_lengths[child] > _SHORTEST]
+        if children:
+            bones = quat.inv_rotate(above[:, None], measured[:, children] - measured[:, joint, None])
+            rotations[:, joint] = _local(skeleton.offsets[children], bones)
+        world[:, joint] = quat.mul(above, rotations[:, joint])
+    rotations = quat.normalize(quat.unroll(rotations))
+    root = measured[:, 0].copy()
+    residual = np.linalg.norm(fk(skeleton, rotations, root)[1] - measured, axis=-1)
+    return rotations, root, residual
+
+
+def match_directions(rest: ArrayLike, target: ArrayLike, *, weights: ArrayLike | None = None) -> Array:
+    """The rotations that turn several directions onto others, in the least-squares sense.
+
+    Minimises ``sum_k w_k |target_k - R rest_k|^2`` over rotations (Wahba 1965) by Davenport's q-method: the maximiser of
+    ``q^T K q`` is the eigenvector of the largest eigenvalue of ``K``. A reflection is never returned. Where the directions
+    leave a turn open, because they all lie on one line, the solution nearest the identity is taken.
+
+    Parameters
+    ----------
+    rest
+        (..., K, 3) vectors; their lengths do not matter and zero vectors count for nothing.
+    target
+        (..., K, 3) vectors, likewise.
+    weights
+        (..., K) non-negative weights; equal where ``None``.
+
+    Returns
+    -------
+    (..., 4) unit quaternions with ``w >= 0``.
+    """
+    a, b = _unit(rest), _unit(target)
+    w = np.ones(a.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64)
+    profile = np.einsum("...k,...ki,...kj->...ij", w, b, a)
+    scale = np.maximum(np.sum(w, axis=-1), _SHORTEST)
+    profile = profile + (_PRIOR * scale)[..., None, None] * np.eye(3)
+    trace = np.trace(profile, axis1=-2, axis2=-1)
+    davenport = np.empty((*profile.shape[:-2], 4, 4))
+    davenport[..., 0, 0] = trace
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        davenport[..., 0, i + 1] = davenport[..., i + 1, 0] = profile[..., k, j] - profile[..., j, k]
+    davenport[..., 1:, 1:] = profile + np.swapaxes(profile, -1, -2) - trace[..., None, None] * np.eye(3)
+    return quat.absolute(np.linalg.eigh(davenport)[1][..., -1])
+
+
+def _unit(vectors: ArrayLike) -> Array:
+    vectors = np.asarray(vectors, dtype=np.float64)
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(length > _SHORTEST, vectors / np.where(length > _SHORTEST, length, 1.0), 0.0)
+
+
+def _local(offsets: Array, bones: Array) -> Array:
+    """Rotations (T, 4) of a joint in its parent's frame from its rest (K, 3) and measured (T, K, 3) bones in that frame."""
+    lengths = np.linalg.norm(offsets, axis=-1)
+    rest = offsets / lengths[:, None]
+    if np.linalg.svd(rest, compute_uv=False)[1:].max(initial=0.0) > 1e-6:
+        return match_directions(rest, bones, weights=lengths)
+    # One bone, or several along one line: only a direction is known.
+    axis = rest[0]
+    along = np.einsum("k,k,tki->ti", lengths, np.sign(rest @ axis), _unit(bones))
+    return _swing(axis, _unit(along))
+
+
+def _swing(axis: Array, directions: Array) -> Array:
+    """Rotations (T, 4) from the unit ``axis`` (3,) to unit or zero ``directions`` (T, 3) with a steady twist."""
+    swing = quat.between(axis, directions)
+    folded = directions @ axis < -np.cos(FOLD_CONE)
+    if not np.any(folded):
+        return swing
+    # Twist about the axis that turns the shortest arc of each frame into the transport of the one before it.
+    step = quat.inv_mul(swing[1:], quat.mul(quat.between(directions[:-1], directions[1:]), swing[:-1]))
+    step = np.where(step[:, :1] < 0.0, -step, step)
+    drift = 2.0 * np.arctan2(step[:, 1:] @ axis, step[:, 0])
+    twist = np.zeros(len(directions))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], folded, [False]]).astype(np.int8)))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if start == 0 and stop == len(directions):
+            twist[1:] = np.cumsum(drift)
+        elif start == 0:
+            twist[:stop] = -np.cumsum(drift[:stop][::-1])[::-1]
+        elif stop == len(directions):
+            twist[start:] = np.cumsum(drift[start - 1 :])
+        else:
+            path = np.cumsum(drift[start - 1 : stop])
+            surplus = path[-1] - 2.0 * np.pi * np.round(path[-1] / (2.0 * np.pi))
+            ramp = np.arange(1, len(path) + 1) / len(path)
+            twist[start:stop] = (path - surplus * ramp)[:-1]
+    return quat.mul(swing, quat.from_axis_angle(axis, twist))

@@ -1,0 +1,174 @@
+"""Quaternion algebra on arrays.
+
+Quaternions are ``(..., 4)`` arrays in the order ``w, x, y, z``; vectors are ``(..., 3)``. Every function broadcasts over the
+leading axes, expects unit quaternions where it rotates, and returns float64 unless told otherwise. ``q`` and ``-q`` are the
+same rotation: put them on one hemisphere (:func:`unroll`, :func:`align`) before differences, averages and blends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_EPS = 1e-12
+
+
+def identity(*shape: int) -> Array:
+    """Identity quaternions of shape ``(*shape, 4)``."""
+    q = np.zeros((*shape, 4))
+    q[..., 0] = 1.0
+    return q
+
+
+def normalize(q: ArrayLike, *, eps: float = _EPS) -> Array:
+    """Unit quaternions; those shorter than ``eps`` become the identity."""
+    q = np.asarray(q, dtype=np.float64)
+    length = np.sqrt(np.einsum("...i,...i->...", q, q))[..., None]
+    safe = length > eps
+    return np.where(safe, q / np.where(safe, length, 1.0), identity())
+
+
+def mul(a: ArrayLike, b: ArrayLike) -> Array:
+    """Hamilton product ``a b``: the rotation ``b`` followed by ``a``."""
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    out = np.empty((*np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), 4))
+    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
+    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
+    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
+    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
+    return out
+
+
+def inverse(q: ArrayLike) -> Array:
+    """Inverse of unit quaternions (the conjugate)."""
+    return np.asarray(q, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def inv_mul(a: ArrayLike, b: ArrayLike) -> Array:
+    """``a^-1 b``: the rotation from ``a`` to ``b`` in the frame of ``a``."""
+    return mul(inverse(a), b)
+
+
+def rotate(q: ArrayLike, v: ArrayLike) -> Array:
+    """Vectors ``v`` (..., 3) turned by ``q`` (..., 4)."""
+    q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    w, xyz = q[..., :1], q[..., 1:]
+    t = 2.0 * np.cross(xyz, v)
+    return v + w * t + np.cross(xyz, t)
+
+
+def inv_rotate(q: ArrayLike, v: ArrayLike) -> Array:
+    """Vectors ``v`` turned by the inverse of ``q``."""
+    return rotate(inverse(q), v)
+
+
+def absolute(q: ArrayLike) -> Array:
+    """The same rotations with ``w >= 0``."""
+    q = np.asarray(q, dtype=np.float64)
+    return np.where(q[..., :1] < 0.0, -q, q)
+
+
+def align(q: ArrayLike, reference: ArrayLike) -> Array:
+    """The same rotations on the hemisphere of ``reference`` (broadcast)."""
+    q = np.asarray(q, dtype=np.float64)
+    dot = np.sum(q * np.asarray(reference, dtype=np.float64), axis=-1, keepdims=True)
+    return np.where(dot < 0.0, -q, q)
+
+
+def unroll(q: ArrayLike, *, axis: int = 0) -> Array:
+    """The same rotations, sign-continuous along ``axis``; the first keeps its sign."""
+    q = np.moveaxis(np.asarray(q, dtype=np.float64), axis, 0)
+    if len(q) < 2:
+        return np.moveaxis(q.copy(), 0, axis)
+    flips = np.sum(q[1:] * q[:-1], axis=-1) < 0.0
+    sign = np.where(np.logical_xor.accumulate(flips, axis=0), -1.0, 1.0)
+    out = q.copy()
+    out[1:] *= sign[..., None]
+    return np.moveaxis(out, 0, axis)
+
+
+def log(q: ArrayLike) -> Array:
+    """Rotation vectors (..., 3) in radians of length at most pi, from unit quaternions of either sign.
+
+    Small angles use the series ``2 xyz / w``, so the map is smooth at zero; at pi the axis is whichever sign ``xyz`` has.
+    """
+    q = absolute(q)
+    sin = np.sqrt(np.einsum("...i,...i->...", q[..., 1:], q[..., 1:]))
+    small = sin < 1e-9
+    angle = 2.0 * np.arctan2(sin, q[..., 0])
+    scale = np.where(small, 2.0, angle / np.where(small, 1.0, sin))
+    return scale[..., None] * q[..., 1:]
+
+
+def exp(v: ArrayLike) -> Array:
+    """Unit quaternions from rotation vectors (..., 3) in radians; inverse of :func:`log`."""
+    v = np.asarray(v, dtype=np.float64)
+    angle = np.sqrt(np.einsum("...i,...i->...", v, v))
+    half = 0.5 * angle
+    small = angle < 1e-9
+    scale = np.where(small, 0.5, np.sin(half) / np.where(small, 1.0, angle))
+    return np.concatenate([np.cos(half)[..., None], scale[..., None] * v], axis=-1)
+
+
+def angle(a: ArrayLike, b: ArrayLike) -> Array:
+    """Geodesic angle in radians in [0, pi] between the rotations ``a`` and ``b``, accurate near 0 and pi."""
+    d = inv_mul(a, b)
+    return 2.0 * np.arctan2(np.linalg.norm(d[..., 1:], axis=-1), np.abs(d[..., 0]))
+
+
+def from_axis_angle(axis: ArrayLike, angle: ArrayLike) -> Array:
+    """Quaternions that turn by ``angle`` (...) radians about the unit ``axis`` (..., 3)."""
+    half = 0.5 * np.asarray(angle, dtype=np.float64)[..., None]
+    vector = np.sin(half) * np.asarray(axis, dtype=np.float64)
+    return np.concatenate([np.broadcast_to(np.cos(half), (*vector.shape[:-1], 1)), vector], axis=-1)
+
+
+def between(a: ArrayLike, b: ArrayLike) -> Array:
+    """Shortest-arc rotations that turn the directions ``a`` (..., 3) onto ``b`` (..., 3).
+
+    Opposite directions turn half a circle about an arbitrary but fixed perpendicular axis; zero vectors give the identity.
+    """
+    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
+    na, nb = np.linalg.norm(a, axis=-1, keepdims=True), np.linalg.norm(b, axis=-1, keepdims=True)
+    usable = (na > _EPS) & (nb > _EPS)
+    a = np.where(usable, a / np.where(usable, na, 1.0), [1.0, 0.0, 0.0])
+    b = np.where(usable, b / np.where(usable, nb, 1.0), [1.0, 0.0, 0.0])
+    dot = np.sum(a * b, axis=-1, keepdims=True)
+    q = normalize(np.concatenate([1.0 + dot, np.cross(a, b)], axis=-1))
+    opposite = dot < -1.0 + 1e-12
+    if np.any(opposite):
+        least = np.eye(3)[np.argmin(np.abs(a), axis=-1)]
+        axis = np.cross(a, least)
+        axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+        q = np.where(opposite, np.concatenate([np.zeros_like(dot), axis], axis=-1), q)
+    return q
+
+
+def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> Array:
+    """Spherical interpolation along the short arc; ``t`` (...) in [0, 1], ends exact up to sign."""
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    t = np.asarray(t, dtype=np.float64)[..., None]
+    b = align(b, a)
+    half = np.arctan2(np.linalg.norm(b - a, axis=-1, keepdims=True), np.linalg.norm(b + a, axis=-1, keepdims=True))
+    theta = 2.0 * half
+    sin = np.sin(theta)
+    small = theta < 1e-6
+    safe = np.where(small, 1.0, sin)
+    wa = np.where(small, 1.0 - t, np.sin((1.0 - t) * theta) / safe)
+    wb = np.where(small, t, np.sin(t * theta) / safe)
+    return normalize(wa * a + wb * b)
+
+
+def mean(q: ArrayLike, *, weights: ArrayLike | None = None, axis: int = 0) -> Array:
+    """Average rotation along ``axis``: the leading eigenvector of ``sum w q q^T`` (Markley et al. 2007), with ``w >= 0``.
+
+    It does not depend on the signs of the inputs.
+    """
+    q = np.moveaxis(np.asarray(q, dtype=np.float64), axis, 0)
+    w = np.ones(len(q)) if weights is None else np.asarray(weights, dtype=np.float64)
+    scatter = np.einsum("t,t...i,t...j->...ij", w, q, q)
+    return absolute(np.linalg.eigh(scatter)[1][..., -1])

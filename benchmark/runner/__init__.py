@@ -1,0 +1,1 @@
+"""Plan, execute, store and score: cells of data set x split x task x method x repetition."""

@@ -1,0 +1,258 @@
+"""Where cells run: each in a process of its own, or all in this one for a debugger.
+
+A process of its own can be ended when it outruns its time limit, may crash without harm to the others, and has a peak of memory
+that is the cell's. The processes are forked from a server that has imported the light part of the suite once, so that one
+costs tens of milliseconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Protocol
+
+from benchmark.errors import ConfigError
+from benchmark.runner import worker
+from benchmark.runner.job import CellJob
+from benchmark.runner.plan import Cell
+from benchmark.runner.store import RunStore
+
+#: What the fork server imports once for all cells: what every cell needs, and nothing that starts threads.
+PRELOADED = (
+    "benchmark.runner.worker",
+    "benchmark.motion.bvh",
+    "benchmark.motion.footlock",
+    "threadpoolctl",
+    "pyarrow.json",
+    "pyarrow.parquet",
+)
+
+
+class Observer(Protocol):
+    """Told what happens, in this process."""
+
+    def cell_started(self, cell: Cell) -> None:
+        """A cell's process has started."""
+
+    def cell_progress(self, cell: Cell, stage: str, fraction: float, message: str) -> None:
+        """What the cell does now."""
+
+    def cell_finished(self, cell: Cell, state: str, reason: str, seconds: float) -> None:
+        """The cell ended as ``ok``, ``skipped`` or ``failed``."""
+
+
+class Backend(Protocol):
+    """Runs cells and leaves what becomes of them in the run folder."""
+
+    def run(self, jobs: Sequence[CellJob], observer: Observer) -> None:
+        """Run every job."""
+
+
+def make_backend(name: str, *, jobs: int, time_limit: float | None) -> Backend:
+    """The backend called ``processes`` or ``serial``."""
+    if name == "serial":
+        if time_limit is not None:
+            raise ConfigError("a time limit needs backend 'processes': a method cannot be ended inside this process")
+        return Serial()
+    return Processes(jobs, time_limit)
+
+
+class Serial:
+    """One cell after another in this process, for a debugger. A crash ends the run, and peak memory is the run's."""
+
+    def run(self, jobs: Sequence[CellJob], observer: Observer) -> None:
+        """Run every job."""
+        for job in jobs:
+            observer.cell_started(job.cell)
+            start = time.monotonic()
+
+            def report(stage: str, fraction: float, message: str, cell: Cell = job.cell) -> None:
+                observer.cell_progress(cell, stage, fraction, message)
+
+            with worker.limited_threads(job.threads):
+                worker.work(job, report)
+            status = RunStore(job.folder).status(job.cell.key)
+            observer.cell_finished(job.cell, status.state, status.reason, time.monotonic() - start)
+
+
+@dataclass
+class _Running:
+    job: CellJob
+    process: multiprocessing.process.BaseProcess
+    connection: Connection
+    output: Path
+    began: float = field(default_factory=time.monotonic)
+    deadline: float = float("inf")
+    stage: str = "start"
+    metric: str = ""
+    finished: bool = False
+
+
+class Processes:
+    """At most ``jobs`` cells at a time, each in its own process.
+
+    Parameters
+    ----------
+    jobs
+        How many at a time. Results do not depend on it.
+    time_limit
+        Seconds for fitting and transferring, and again for scoring; ``None`` for no limit.
+    """
+
+    def __init__(self, jobs: int = 1, time_limit: float | None = None) -> None:
+        self.jobs, self.time_limit = jobs, time_limit
+        methods = multiprocessing.get_all_start_methods()
+        self._context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
+        if self._context.get_start_method() == "forkserver":
+            self._context.set_forkserver_preload(list(PRELOADED))
+
+    def run(self, jobs: Sequence[CellJob], observer: Observer) -> None:
+        """Run every job; whatever ends this, no process is left behind."""
+        waiting = deque(jobs)
+        running: list[_Running] = []
+        try:
+            while waiting or running:
+                while len(running) < self.jobs and (job := _next(waiting, running)) is not None:
+                    running.append(self._start(job))
+                    observer.cell_started(job.cell)
+                self._listen(running, observer)
+                for one in [one for one in running if one.finished]:
+                    running.remove(one)
+                    again = self._ended(one, observer)
+                    if again is not None:
+                        waiting.appendleft(again)
+        finally:
+            for one in running:
+                _kill(one)
+                one.output.unlink(missing_ok=True)
+
+    def _start(self, job: CellJob) -> _Running:
+        cells = RunStore(job.folder).cells
+        cells.mkdir(parents=True, exist_ok=True)
+        output = cells / f".tmp-output-{job.cell.key}"
+        ours, theirs = self._context.Pipe()
+        with _thread_environment(job.threads):
+            process = self._context.Process(target=worker.main, args=(theirs, job, output), name=job.cell.title)  # type: ignore[attr-defined]
+            process.start()
+        theirs.close()
+        running = _Running(job, process, ours, output)
+        self._set_deadline(running)
+        return running
+
+    def _set_deadline(self, one: _Running) -> None:
+        if self.time_limit is not None:
+            one.deadline = time.monotonic() + self.time_limit
+
+    def _listen(self, running: list[_Running], observer: Observer) -> None:
+        """Wait for something to happen, then take every report there is."""
+        pause = max(0.0, min(0.25, min(one.deadline for one in running) - time.monotonic()))
+        wait([thing for one in running for thing in (one.connection, one.process.sentinel)], timeout=pause)
+        for one in running:
+            alive = one.process.is_alive()
+            try:
+                while one.connection.poll():
+                    stage, fraction, message = one.connection.recv()
+                    self._take(one, stage, fraction, message, observer)
+            except (EOFError, OSError):
+                alive = False
+            if not alive or one.stage == "done":
+                one.finished = True
+            elif time.monotonic() > one.deadline:
+                one.finished, one.stage = True, f"over:{one.stage}"
+
+    def _take(self, one: _Running, stage: str, fraction: float, message: str, observer: Observer) -> None:
+        if stage == "execute" or (stage == "score" and one.stage not in ("score", "metric")):
+            self._set_deadline(one)
+        one.stage = stage
+        if stage == "metric":
+            one.metric = message
+        if stage not in ("done", "metric"):
+            observer.cell_progress(one.job.cell, stage, fraction, message)
+
+    def _ended(self, one: _Running, observer: Observer) -> CellJob | None:
+        """Store how a process ended if it could not do so itself; a job to run again where a metric ended it."""
+        store, job = RunStore(one.job.folder), one.job
+        over = one.stage.startswith("over:")
+        if one.stage == "done":
+            one.process.join(timeout=5.0)
+        _kill(one)
+        store.sweep(job.cell.key)
+        text = one.output.read_text(encoding="utf-8", errors="replace") if one.output.exists() else ""
+        one.output.unlink(missing_ok=True)
+        one.connection.close()
+        if one.stage != "done":
+            stage = one.stage.removeprefix("over:")
+            reason = f"outran its time limit of {self.time_limit:g} s" if over else _how_it_ended(one.process.exitcode)
+            if stage in ("score", "metric"):
+                again = _without_metric(one, f"scoring: {reason}")
+                if again is not None:
+                    return again
+            else:
+                store.commit_failure(job.cell.key, f"{reason} (stage: {stage})", text[-20000:] or reason)
+        status = store.status(job.cell.key)
+        observer.cell_finished(job.cell, status.state, status.reason, time.monotonic() - one.began)
+        return None
+
+
+def _next(waiting: deque[CellJob], running: Sequence[_Running]) -> CellJob | None:
+    """Take the next job that may start now: one at a time on the GPU, whose memory cells would have to share."""
+    busy = any(one.job.cell.device == "cuda" and one.job.execute for one in running)
+    for job in waiting:
+        if not (busy and job.cell.device == "cuda" and job.execute):
+            waiting.remove(job)
+            return job
+    return None
+
+
+def _without_metric(one: _Running, reason: str) -> CellJob | None:
+    """The job again without the metric that ended it, or without any if none had begun; ``None`` if that was tried."""
+    names = [one.metric] if one.metric else [metric.name for metric in one.job.metrics]
+    if set(names) <= set(one.job.poisoned):
+        return None
+    return replace(one.job, execute=False, poisoned={**one.job.poisoned, **dict.fromkeys(names, reason)})
+
+
+def _how_it_ended(code: int | None) -> str:
+    if code is not None and code < 0:
+        try:
+            name = signal.Signals(-code).name
+        except ValueError:
+            name = f"signal {-code}"
+        hint = " (out of memory?)" if name == "SIGKILL" else ""
+        return f"the process was ended by {name}{hint}"
+    return f"the process ended with code {code}"
+
+
+def _kill(one: _Running) -> None:
+    """End a worker and every process it started."""
+    process = one.process
+    if process.pid is not None and hasattr(os, "killpg"):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            if os.getpgid(process.pid) == process.pid:
+                os.killpg(process.pid, signal.SIGKILL)
+    if process.is_alive():
+        process.kill()
+    process.join()
+
+
+@contextlib.contextmanager
+def _thread_environment(threads: int) -> Iterator[None]:
+    """The thread caps in this process's environment, for a server or worker that starts now and inherits it."""
+    before = {name: os.environ.get(name) for name in worker.THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(worker.THREAD_VARIABLES, str(threads)))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -1,0 +1,405 @@
+"""A whole run: prepare, plan, execute what is missing, score, and rebuild the views."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from benchmark.config import RunConfig, read_config, to_toml
+from benchmark.data.base import Dataset
+from benchmark.data.splits import Split, load_split, make_split
+from benchmark.digest import canonical_json
+from benchmark.errors import ConfigError, DataError, RegistryError, StoreError, UnknownNameError
+from benchmark.registry import METHODS, METRICS, Registry
+from benchmark.runner import provenance
+from benchmark.runner.backends import Observer, make_backend
+from benchmark.runner.job import CellJob, DatasetSource, MetricJob, pack, scoring_digest
+from benchmark.runner.plan import Cell, make_plan
+from benchmark.runner.score import forget, missing_metrics
+from benchmark.runner.selection import MetricChoice, choose_methods, choose_metrics, importable
+from benchmark.runner.store import CellStatus, RunStore, read_json, write_json, write_text
+from benchmark.runner.views import REAL, build_views, views_are_current, views_digest
+
+CONFIG, PLAN, ENVIRONMENT = "config.toml", "plan.json", "environment.json"
+
+#: What makes a run folder what it is; a run with others belongs into another folder.
+IDENTITY = ("data set", "tasks", "split")
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A run that is ready to start: everything resolved, nothing run.
+
+    Attributes
+    ----------
+    config
+        The settings, with tasks and run folder filled in.
+    source, dataset
+        The data set and how workers open it.
+    splits
+        One for each task.
+    cells
+        The plan.
+    metrics
+        The metrics as chosen.
+    """
+
+    config: RunConfig
+    source: DatasetSource
+    dataset: Dataset
+    splits: tuple[Split, ...]
+    cells: tuple[Cell, ...]
+    metrics: tuple[MetricChoice, ...]
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return _folder(self.config)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes
+    ----------
+    folder
+        The run folder.
+    cells
+        The plan.
+    states
+        Of every cell, by key.
+    executed, scored, cached
+        How many cells were run, were scored again only, and were there already.
+    rebuilt
+        Whether the tables had to be written again.
+    """
+
+    folder: Path
+    cells: tuple[Cell, ...]
+    states: Mapping[str, CellStatus]
+    executed: int
+    scored: int
+    cached: int
+    rebuilt: bool
+
+    @property
+    def failures(self) -> list[tuple[Cell, str]]:
+        """The cells that failed, with the reasons."""
+        return [(cell, self.states[cell.key].reason) for cell in self.cells if self.states[cell.key].state == "failed"]
+
+    @property
+    def skips(self) -> list[tuple[Cell, str]]:
+        """The cells that were skipped, with the reasons."""
+        return [(cell, self.states[cell.key].reason) for cell in self.cells if self.states[cell.key].state == "skipped"]
+
+
+def prepare(
+    config: RunConfig,
+    *,
+    methods: Registry = METHODS,
+    metrics: Registry = METRICS,
+    opener: str | None = None,
+    gpu: Any = provenance.gpu_usable,
+) -> Prepared:
+    """Open the data set, make the splits and the plan. Reads no clip.
+
+    Parameters
+    ----------
+    config
+        The settings.
+    methods, metrics
+        The registries.
+    opener
+        ``"module:function"`` that opens data sets, for those that the catalogue does not know.
+    gpu
+        Says whether there is a GPU.
+    """
+    named = config.dataset
+    source = DatasetSource(named.name, named.root, dict(named.options))
+    if opener is not None:
+        source = replace(source, opener=opener)
+    dataset = source.open()
+    tasks = config.tasks or (default_task(dataset),)
+    out = config.out or default_folder(named.name, tasks)
+    config = config.model_copy(update={"tasks": tasks, "out": out})
+    splits = tuple(_split(config, dataset, task) for task in tasks)
+    chosen = choose_methods(methods, config.methods, config.params)
+    if REAL in methods and all(choice.name != REAL for choice in chosen):
+        chosen += choose_methods(methods, [REAL])
+    names = {choice.name for choice in chosen} | {choice.label for choice in chosen}
+    for name in config.force:
+        if name not in names:
+            raise UnknownNameError("method to force", name, names)
+    if config.force and config.overwrite == "only-cached":
+        raise ConfigError("force and overwrite 'only-cached' contradict each other: leave one out")
+    cells = tuple(make_plan(config, dataset, splits, chosen, gpu=gpu))
+    return Prepared(config, source, dataset, splits, cells, tuple(choose_metrics(metrics, config.metrics)))
+
+
+def default_task(dataset: Dataset) -> str:
+    """``adult:child`` where the data set has both, else the only pair there is.
+
+    Raises
+    ------
+    ConfigError
+        If there are several; the message lists the styles.
+    """
+    if {"adult", "child"} <= set(dataset.styles):
+        return "adult:child"
+    if "normal" in dataset.styles and len(dataset.styles) == 2:
+        (other,) = set(dataset.styles) - {"normal"}
+        return f"normal:{other}"
+    styles = ", ".join(dataset.styles)
+    raise ConfigError(f"data set {dataset.id} has no task of its own: give --task SOURCE:TARGET (styles: {styles})")
+
+
+def default_folder(dataset: str, tasks: Sequence[str]) -> Path:
+    """``runs/DATASET-TASK``, in characters that every file system takes."""
+    name = "-".join([dataset.removeprefix("folder:"), *tasks])
+    return Path("runs") / re.sub(r"[^\w.]+", "-", name).strip("-.")
+
+
+def _folder(config: RunConfig) -> Path:
+    if config.out is None:
+        raise ConfigError("the run has no folder: prepare() fills it in")
+    return config.out
+
+
+def _split(config: RunConfig, dataset: Dataset, task: str) -> Split:
+    source, _, target = task.partition(":")
+    wanted = config.split
+    if wanted.file is not None:
+        split = load_split(wanted.file, dataset)
+        if (split.source_style, split.target_style) != (source, target):
+            raise ConfigError(f"{wanted.file} is a split for {split.source_style}:{split.target_style}, not for {task}")
+        return split
+    return make_split(
+        dataset, source, target, protocol=wanted.protocol, fold=wanted.fold, seed=wanted.seed, **wanted.parameters
+    )
+
+
+def split_path(folder: Path, tasks: Sequence[str], task: str) -> Path:
+    """``split.json``, or ``split-SOURCE-TARGET.json`` where a run has several tasks."""
+    return folder / ("split.json" if len(tasks) == 1 else f"split-{task.replace(':', '-')}.json")
+
+
+def cell_states(prepared: Prepared) -> dict[str, CellStatus]:
+    """The state of every cell as it is on disk, or as the plan decided."""
+    store = RunStore(prepared.folder)
+    return {cell.key: _disk_state(store, cell) for cell in prepared.cells}
+
+
+def _disk_state(store: RunStore, cell: Cell) -> CellStatus:
+    return store.status(cell.key) if cell.fate == "run" else CellStatus(cell.fate, cell.reason)
+
+
+def to_execute(config: RunConfig, cell: Cell, status: CellStatus) -> bool:
+    """Whether a cell in this state is to be run, by the overwrite word and the forced names."""
+    if cell.fate != "run" or config.overwrite == "only-cached":
+        return False
+    if cell.name in config.force or cell.method in config.force or config.overwrite == "always":
+        return True
+    redone = ("missing", "damaged", "failed") if config.overwrite == "missing" else ("missing", "damaged")
+    return status.state in redone
+
+
+def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, metrics: Registry = METRICS) -> Outcome:
+    """Execute and score what is missing, then bring the views up to date.
+
+    Raises
+    ------
+    StoreError
+        If the run folder is in use or belongs to other settings.
+    """
+    config, folder = prepared.config, prepared.folder
+    _check_folder(folder, config)
+    store = RunStore(folder)
+    with store.lock():
+        store.sweep()
+        paths = {}
+        for task, split in zip(config.tasks, prepared.splits, strict=True):
+            paths[task] = split_path(folder, config.tasks, task)
+            if not (paths[task].is_file() and _same_split(paths[task], split)):
+                split.to_json(paths[task])
+        metric_jobs = make_metric_jobs(prepared.metrics, metrics)
+        write_text(folder / CONFIG, to_toml(config))
+        write_json(folder / PLAN, {"cells": [cell.to_json() for cell in prepared.cells]})
+        states = cell_states(prepared)
+        jobs = []
+        for cell in prepared.cells:
+            execute = to_execute(config, cell, states[cell.key])
+            if execute or (states[cell.key].state == "ok" and config.overwrite != "only-cached"):
+                job = CellJob(
+                    cell,
+                    folder,
+                    prepared.source,
+                    paths[cell.task],
+                    config.variants,
+                    config.limit,
+                    config.seed,
+                    config.threads,
+                    execute,
+                    metric_jobs,
+                    method_value=_packed(methods, cell.name) if execute else None,
+                )
+                if execute or missing_metrics(store.cell(cell.key), metric_jobs):
+                    jobs.append(job)
+        if jobs or not (folder / ENVIRONMENT).is_file():
+            write_json(folder / ENVIRONMENT, provenance.environment(threads=config.threads, jobs=config.jobs))
+        return _work(folder, prepared.cells, config, jobs, metric_jobs, directions(prepared.metrics), observer)
+
+
+def _work(
+    folder: Path,
+    cells: tuple[Cell, ...],
+    config: RunConfig,
+    jobs: Sequence[CellJob],
+    metrics: tuple[MetricJob, ...],
+    known: Mapping[str, tuple[str, float | None]],
+    observer: Observer,
+) -> Outcome:
+    if jobs:
+        make_backend(config.backend, jobs=config.jobs, time_limit=config.time_limit).run(jobs, observer)
+    store = RunStore(folder)
+    states = {cell.key: _disk_state(store, cell) for cell in cells}
+    for key, status in states.items():
+        if status.state in ("missing", "damaged"):
+            states[key] = CellStatus("skipped", f"not in the cache: {status.reason}")
+    current = views_are_current(folder, views_digest(folder, cells, metrics, states))
+    if not current:
+        build_views(folder, cells, metrics, states, known)
+    executed = sum(job.execute for job in jobs)
+    planned = sum(cell.fate == "run" for cell in cells)
+    return Outcome(folder, cells, states, executed, len(jobs) - executed, planned - len(jobs), not current)
+
+
+def score(
+    folder: Path,
+    observer: Observer,
+    *,
+    requests: Sequence[str] = (),
+    force: bool = False,
+    jobs: int | None = None,
+    metrics: Registry = METRICS,
+    opener: str | None = None,
+) -> Outcome:
+    """Score the stored clips of a finished run, without fitting or transferring.
+
+    Parameters
+    ----------
+    folder
+        The run folder.
+    observer
+        Told what happens.
+    requests
+        Metrics to add to those of the run.
+    force
+        Compute the ``requests``, or all if there are none, again, not only those whose code changed.
+    jobs
+        Cells at a time; as in the run if ``None``.
+    """
+    config, cells = read_run(folder)
+    named = config.dataset
+    source = DatasetSource(named.name, named.root, dict(named.options))
+    if opener is not None:
+        source = replace(source, opener=opener)
+    if jobs is not None:
+        config = config.model_copy(update={"jobs": jobs})
+    chosen = choose_metrics(metrics, [*config.metrics, *requests])
+    again = [choice.name for choice in (choose_metrics(metrics, requests) if requests else chosen)] if force else []
+    metric_jobs = make_metric_jobs(chosen, metrics)
+    store = RunStore(folder)
+    with store.lock():
+        store.sweep()
+        work = []
+        for cell in cells:
+            if cell.fate != "run" or store.status(cell.key).state != "ok":
+                continue
+            place = store.cell(cell.key)
+            forget(place, again)
+            path = split_path(folder, config.tasks, cell.task)
+            job = CellJob(
+                cell,
+                folder,
+                source,
+                path,
+                config.variants,
+                config.limit,
+                config.seed,
+                config.threads,
+                False,
+                metric_jobs,
+            )
+            if missing_metrics(place, metric_jobs):
+                work.append(job)
+        return _work(folder, cells, config, work, metric_jobs, directions(chosen), observer)
+
+
+def read_run(folder: Path) -> tuple[RunConfig, tuple[Cell, ...]]:
+    """Settings and plan of a run folder; a :class:`~benchmark.errors.StoreError` if it is none."""
+    if not (folder / CONFIG).is_file():
+        raise StoreError(f"{folder} is not a run folder: it has no {CONFIG}")
+    config = read_config(folder / CONFIG).model_copy(update={"out": folder})
+    try:
+        cells = tuple(Cell(**cell) for cell in read_json(folder / PLAN)["cells"])
+    except (KeyError, TypeError) as error:
+        raise StoreError(f"{folder / PLAN} is not a plan of this version ({error}): run again") from error
+    return config, cells
+
+
+def make_metric_jobs(chosen: Iterable[MetricChoice], registry: Registry) -> tuple[MetricJob, ...]:
+    """What workers need to compute the chosen metrics."""
+    scoring = scoring_digest()
+    return tuple(MetricJob.of(choice, scoring, _packed(registry, choice.name)) for choice in chosen)
+
+
+def directions(chosen: Iterable[MetricChoice]) -> dict[str, tuple[str, float | None]]:
+    """Direction and target of each metric."""
+    return {choice.name: (choice.info.direction, choice.info.target) for choice in chosen if choice.info is not None}
+
+
+def _packed(registry: Registry, name: str) -> bytes | None:
+    """A class that workers cannot import, as bytes; ``None`` for all others."""
+    try:
+        value = registry.entry(name).value
+    except (RegistryError, UnknownNameError):
+        return None
+    return None if value is None or importable(value) else pack(value)
+
+
+def _same_split(path: Path, split: Split) -> bool:
+    try:
+        return Split.from_json(path).digest == split.digest
+    except DataError:
+        return False
+
+
+def _check_folder(folder: Path, config: RunConfig) -> None:
+    """Refuse a folder that is something else, or a run of another data set, task or split."""
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise StoreError(f"{folder} is a file: choose another folder with --out")
+    if not (folder / CONFIG).is_file():
+        own = {".lock", "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
+        others = sorted(path.name for path in folder.iterdir() if path.name not in own)
+        if others:
+            raise StoreError(
+                f"{folder} holds other things ({others[0]} …) and is no run folder: choose another with --out"
+            )
+        return
+    before = read_config(folder / CONFIG)
+    for name, old, new in zip(IDENTITY, identity(before), identity(config), strict=True):
+        if old != new:
+            raise StoreError(f"{folder} is a run with {name} {old}, not {new}: choose another folder with --out")
+
+
+def identity(config: RunConfig) -> tuple[str, str, str]:
+    """What makes a run folder what it is, as texts: :data:`IDENTITY`. Where the files lie is no part of it."""
+    named = config.dataset
+    options = f" {canonical_json(named.options)}" if named.options else ""
+    return f"{named.name}{options}", ", ".join(config.tasks), canonical_json(config.split.model_dump(mode="json"))

@@ -1,0 +1,265 @@
+"""The run folder on disk: cells that are whole or absent, a lock, and atomic files.
+
+A cell is written beside its place and renamed into it, ``status.json`` last: it lists size, modification time and SHA-256 of
+every other file. Whatever moment a run is killed at, a cell is either complete or will be made again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import socket
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from benchmark.digest import file_digest
+from benchmark.errors import StoreError
+
+STATUS = "status.json"
+
+#: Files of a cell that scoring adds later; they carry their own marker.
+SCORES = "metrics.parquet"
+SCORES_MARK = "metrics.json"
+_LATER = {STATUS, SCORES, SCORES_MARK}
+
+
+@dataclass(frozen=True)
+class CellStatus:
+    """What is known of a stored cell.
+
+    Attributes
+    ----------
+    state
+        ``ok``, ``skipped``, ``failed``, ``missing`` or ``damaged``.
+    reason
+        Why, for all but ``ok``.
+    facts
+        The rest of ``status.json``.
+    """
+
+    state: str
+    reason: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+class RunStore:
+    """A run folder.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.cells = folder / "cells"
+
+    def cell(self, key: str) -> Path:
+        """The folder of a cell, whether it exists or not."""
+        return self.cells / key
+
+    def work(self, key: str) -> Path:
+        """Where a method may keep checkpoints while it fits; survives interruption, removed when the cell is stored."""
+        return self.cells / f".work-{key}"
+
+    def status(self, key: str, *, thorough: bool = False) -> CellStatus:
+        """The state of a cell, after comparing its files with its marker.
+
+        A file is compared by size and modification time, and by SHA-256 where the time has moved (as it does when a folder is
+        copied) or ``thorough`` is set.
+        """
+        folder = self.cell(key)
+        if not folder.is_dir():
+            return CellStatus("missing", "not run yet")
+        try:
+            facts = json.loads((folder / STATUS).read_bytes())
+            files: dict[str, list] = facts.pop("files")
+            present = {
+                path.relative_to(folder).as_posix(): path
+                for path in folder.rglob("*")
+                if path.is_file()
+                and not path.name.startswith(".")
+                and path.relative_to(folder).as_posix() not in _LATER
+            }
+            problem = _compare(files, present, thorough)
+            if problem is None and facts["key"] != key:
+                problem = f"{STATUS} is of another cell"
+            state, reason = str(facts["state"]), str(facts["reason"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            return CellStatus("damaged", f"{STATUS} cannot be read ({error})")
+        if problem is not None:
+            return CellStatus("damaged", problem)
+        return CellStatus(state, reason, facts)
+
+    @contextlib.contextmanager
+    def writing(self, key: str) -> Iterator[Path]:
+        """A temporary folder for a cell's files; removed unless :meth:`commit` took it."""
+        self.cells.mkdir(parents=True, exist_ok=True)
+        folder = self.cells / f".tmp-{key}-{os.getpid()}"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def commit(
+        self, key: str, folder: Path, state: str, reason: str = "", facts: Mapping[str, Any] | None = None
+    ) -> None:
+        """Mark ``folder`` as complete and move it into the place of the cell, replacing what was there."""
+        files = {}
+        for path in sorted(folder.rglob("*")):
+            if path.is_file() and not path.name.startswith("."):
+                stat = path.stat()
+                files[path.relative_to(folder).as_posix()] = [stat.st_size, stat.st_mtime_ns, file_digest(path)]
+        status = {**(facts or {}), "key": key, "state": state, "reason": reason, "files": files}
+        write_json(folder / STATUS, status)
+        place = self.cell(key)
+        old = self.cells / f".old-{key}-{os.getpid()}"
+        if place.exists():
+            shutil.rmtree(old, ignore_errors=True)
+            place.rename(old)
+        folder.rename(place)
+        shutil.rmtree(old, ignore_errors=True)
+        if state != "failed":
+            shutil.rmtree(self.work(key), ignore_errors=True)
+        elif self.work(key).is_dir() and not any(self.work(key).iterdir()):
+            self.work(key).rmdir()
+
+    def commit_failure(self, key: str, reason: str, traceback: str, log: str = "") -> None:
+        """Store a failed cell: the reason and the traceback."""
+        with self.writing(key) as folder:
+            (folder / "traceback.txt").write_text(traceback, encoding="utf-8")
+            if log:
+                (folder / "log.jsonl").write_text(log, encoding="utf-8")
+            self.commit(key, folder, "failed", reason)
+
+    def discard(self, key: str) -> None:
+        """Remove a cell, so that it is run again."""
+        shutil.rmtree(self.cell(key), ignore_errors=True)
+        shutil.rmtree(self.work(key), ignore_errors=True)
+
+    def sweep(self, key: str = "") -> None:
+        """Remove what killed processes left half written, of one cell or of all. Only under the lock."""
+        for pattern in (f".tmp-{key}*", f".old-{key}*"):
+            for path in self.cells.glob(pattern):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        for path in [*self.folder.glob(".*.part"), *self.cells.glob(f"{key or '*'}/.*.part")]:
+            path.unlink(missing_ok=True)
+
+    @contextlib.contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold the run folder; a second run in it ends with a :class:`~benchmark.errors.StoreError`.
+
+        The operating system drops the lock with the process that held it, so a dead run never blocks the next.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / ".lock"
+        with path.open("a+", encoding="utf-8") as file:
+            if not _try_lock(file):
+                file.seek(0)
+                holder = file.read().strip() or "another process"
+                raise StoreError(
+                    f"{self.folder} is in use by {holder}: wait for it, or choose another folder with --out"
+                )
+            file.truncate(0)
+            file.write(f"process {os.getpid()} on {socket.gethostname()}")
+            file.flush()
+            try:
+                yield
+            finally:
+                file.truncate(0)
+                file.flush()
+                _unlock(file)
+
+
+def _compare(files: Mapping[str, list], present: Mapping[str, Path], thorough: bool) -> str | None:
+    for name in files:
+        if name not in present:
+            return f"{name} is missing"
+    for name, path in present.items():
+        if name not in files:
+            return f"{name} does not belong there"
+        size, mtime, sha = files[name]
+        stat = path.stat()
+        if stat.st_size != size:
+            return f"{name} has {stat.st_size} bytes, not {size}"
+        if (thorough or stat.st_mtime_ns != mtime) and file_digest(path) != sha:
+            return f"{name} was altered"
+    return None
+
+
+def _try_lock(file: IO[str]) -> bool:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        import msvcrt
+
+        try:
+            file.seek(1 << 20)
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        except OSError:
+            return False
+        return True
+    try:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _unlock(file: IO[str]) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        import msvcrt
+
+        file.seek(1 << 20)
+        msvcrt.locking(file.fileno(), msvcrt.LK_UNLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        return
+    fcntl.flock(file.fileno(), fcntl.LOCK_UN)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A path beside ``path`` to write to; renamed over it when the block ends without an error."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically; a file that already holds ``text`` is left alone."""
+    data = text.encode()
+    if path.is_file() and path.read_bytes() == data:
+        return
+    with replacing(path) as part:
+        part.write_bytes(data)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON atomically, keys in order."""
+    write_text(path, json.dumps(value, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """Read JSON; a :class:`~benchmark.errors.StoreError` names a file that is missing or damaged."""
+    try:
+        return json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise StoreError(
+            f"{path} is missing: {path.parent} is not a run folder, or its run did not get that far"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path} is damaged ({error}): run again") from error

@@ -1,0 +1,284 @@
+"""``results.parquet`` and ``leaderboard.csv``: views over the cells of a plan, rebuilt when any of them changed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmark.digest import digest
+from benchmark.runner.job import MetricJob
+from benchmark.runner.parquet import write_rows
+from benchmark.runner.plan import Cell
+from benchmark.runner.score import read_scores, rows_digest
+from benchmark.runner.store import CellStatus, RunStore, read_json, write_json, write_text
+
+RESULTS, LEADERBOARD, MARK = "results.parquet", "leaderboard.csv", ".views.json"
+
+#: Columns of ``results.parquet`` in order, with their types.
+RESULT_COLUMNS = {
+    "run": "string",
+    "cell_key": "string",
+    "method": "string",
+    "method_version": "string",
+    "params_digest": "string",
+    "dataset": "string",
+    "dataset_digest": "string",
+    "split": "string",
+    "split_digest": "string",
+    "source_style": "string",
+    "target_style": "string",
+    "clip_id": "string",
+    "actor": "string",
+    "action": "string",
+    "seen_actor": "bool",
+    "repetition": "int64",
+    "seed": "int64",
+    "variant": "string",
+    "metric": "string",
+    "metric_version": "string",
+    "probe_digest": "string",
+    "value": "double",
+    "unit": "string",
+    "status": "string",
+    "reason": "string",
+}
+
+LEADERBOARD_COLUMNS = (
+    "task",
+    "method",
+    "variant",
+    "metric",
+    "unit",
+    "direction",
+    "target",
+    "mean",
+    "sd",
+    "n",
+    "skipped",
+    "failed",
+    "repetitions",
+    "real_mean",
+    "real_n",
+    "reason",
+)
+
+#: Metrics that the runner itself measures, with their units. Time and memory are of this run on this machine: their rows are
+#: the only ones that differ between two runs of the same cells.
+COSTS: Mapping[str, str] = {
+    "cost/fit_seconds": "s",
+    "cost/transfer_seconds": "s",
+    "cost/peak_memory": "B",
+    "cost/parameters": "1",
+    "cost/model_bytes": "B",
+}
+
+#: The method whose row is real motion.
+REAL = "child-reference"
+
+Row = dict[str, Any]
+
+
+def views_digest(
+    folder: Path, cells: Sequence[Cell], metrics: Sequence[MetricJob], states: Mapping[str, CellStatus]
+) -> str:
+    """Digest of everything that the views are made of."""
+    store = RunStore(folder)
+    parts = [
+        [cell.method, cell.key, cell.fate, cell.reason, _state(cell, states).state, _state(cell, states).reason]
+        + [rows_digest(store.cell(cell.key)), _costs(_state(cell, states))]
+        for cell in cells
+    ]
+    return digest({"run": folder.name, "cells": parts, "metrics": [[metric.name, metric.digest] for metric in metrics]})
+
+
+def views_are_current(folder: Path, state: str) -> bool:
+    """Whether the views on disk were made of ``state``, the :func:`views_digest` of now."""
+    paths = [folder / RESULTS, folder / LEADERBOARD]
+    if not (folder / MARK).is_file() or not all(path.is_file() for path in paths):
+        return False
+    return bool(read_json(folder / MARK) == {"state": state, "sizes": [path.stat().st_size for path in paths]})
+
+
+def build_views(
+    folder: Path,
+    cells: Sequence[Cell],
+    metrics: Sequence[MetricJob],
+    states: Mapping[str, CellStatus],
+    directions: Mapping[str, tuple[str, float | None]],
+) -> None:
+    """Write both views, each atomically."""
+    rows = [row for cell in cells for row in cell_rows(folder, cell, metrics, states)]
+    write_rows(folder / RESULTS, rows, RESULT_COLUMNS)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, LEADERBOARD_COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(leaderboard(rows, directions))
+    write_text(folder / LEADERBOARD, text.getvalue())
+    state = views_digest(folder, cells, metrics, states)
+    write_json(
+        folder / MARK, {"state": state, "sizes": [(folder / name).stat().st_size for name in (RESULTS, LEADERBOARD)]}
+    )
+
+
+def _state(cell: Cell, states: Mapping[str, CellStatus]) -> CellStatus:
+    if cell.fate != "run":
+        return CellStatus(cell.fate, cell.reason)
+    return states[cell.key]
+
+
+def _costs(status: CellStatus) -> Mapping[str, Any]:
+    costs: Mapping[str, Any] = status.facts.get("costs", {})
+    return costs
+
+
+def cell_rows(
+    folder: Path, cell: Cell, metrics: Sequence[MetricJob], states: Mapping[str, CellStatus]
+) -> Iterable[Row]:
+    """The rows of one cell: its scores and costs, or one row for each metric that says why there are none."""
+    source, target = cell.styles
+    common = {
+        "run": folder.name,
+        "cell_key": cell.key,
+        "method": cell.method,
+        "method_version": cell.method_version,
+        "params_digest": cell.params_digest,
+        "dataset": cell.dataset,
+        "dataset_digest": cell.dataset_digest,
+        "split": cell.split,
+        "split_digest": cell.split_digest,
+        "source_style": source,
+        "target_style": target,
+        "repetition": cell.repetition,
+        "seed": cell.seed,
+    }
+    status = _state(cell, states)
+    if status.state != "ok":
+        state = status.state if status.state in ("skipped", "failed") else "skipped"
+        for metric in metrics:
+            yield {
+                **common,
+                **_empty(metric.name, metric.unit, metric.version),
+                "status": state,
+                "reason": status.reason,
+            }
+        for name, unit in COSTS.items():
+            yield {**common, **_empty(name, unit), "status": state, "reason": status.reason}
+        return
+    place = RunStore(folder).cell(cell.key)
+    scores = read_scores(place)
+    wanted = {metric.name: metric for metric in metrics}
+    found = {row["metric"] for row in scores.rows}
+    for row in scores.rows:
+        if row["metric"] in wanted:
+            yield {**common, **row}
+    for name, metric in wanted.items():
+        if name not in found:
+            missing = {"status": "failed", "reason": "not scored: the scoring process did not finish"}
+            yield {**common, **_empty(name, metric.unit, metric.version), **missing}
+    costs = _costs(status)
+    for name, unit in COSTS.items():
+        if name == "cost/transfer_seconds":
+            continue
+        value = costs.get(name.removeprefix("cost/"))
+        problem = {} if value is not None else {"status": "skipped", "reason": "not measured on this platform"}
+        number = None if value is None else float(value)
+        yield {**common, **_empty(name, unit), "value": number, "status": "ok", **problem}
+    for item in read_json(place / "items.json"):
+        row = {name: item[name] for name in ("clip_id", "actor", "action", "seen_actor")}
+        row |= {"value": item.get("transfer_seconds"), "status": item["state"], "reason": item["reason"]}
+        yield {**common, **_empty("cost/transfer_seconds", "s"), **row}
+
+
+def _empty(metric: str, unit: str, version: str = "1") -> Row:
+    return {
+        "clip_id": "",
+        "actor": "",
+        "action": "",
+        "seen_actor": None,
+        "variant": "raw",
+        "metric": metric,
+        "metric_version": version,
+        "probe_digest": "",
+        "value": None,
+        "unit": unit,
+        "status": "skipped",
+        "reason": "",
+    }
+
+
+def leaderboard(rows: Sequence[Row], directions: Mapping[str, tuple[str, float | None]]) -> list[Row]:
+    """Mean over clips and repetitions of every (task, method, variant, metric), with the value of real motion beside it.
+
+    Parameters
+    ----------
+    rows
+        Rows of ``results.parquet``, in its order, which the result keeps.
+    directions
+        Direction and target of each metric.
+
+    Returns
+    -------
+    list of dict
+        With the columns :data:`LEADERBOARD_COLUMNS`; ``mean`` is empty where no row is ``ok``, and ``reason`` then says why.
+    """
+    groups: dict[tuple[str, str, str, str], list[Row]] = defaultdict(list)
+    for row in rows:
+        task = f"{row['source_style']}:{row['target_style']}"
+        groups[task, row["method"], row["variant"], row["metric"]].append(row)
+    table: list[Row] = []
+    for (task, method, variant, metric), group in groups.items():
+        values = [row["value"] for row in group if row["status"] == "ok"]
+        real = [row["value"] for row in groups.get((task, REAL, "raw", metric), ()) if row["status"] == "ok"]
+        direction, target = directions.get(metric, ("lower" if metric in COSTS else "none", None))
+        reasons = sorted({row["reason"] for row in group if row["status"] != "ok"})
+        table.append(
+            {
+                "task": task,
+                "method": method,
+                "variant": variant,
+                "metric": metric,
+                "unit": group[0]["unit"],
+                "direction": direction,
+                "target": target,
+                "mean": _mean(values),
+                "sd": _sd(values),
+                "n": len(values),
+                "skipped": sum(row["status"] == "skipped" for row in group),
+                "failed": sum(row["status"] == "failed" for row in group),
+                "repetitions": len({row["repetition"] for row in group}),
+                "real_mean": _mean(real),
+                "real_n": len(real),
+                "reason": "; ".join(reasons) if not values else "",
+            }
+        )
+    return table
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return math.fsum(values) / len(values) if values else None
+
+
+def _sd(values: Sequence[float]) -> float | None:
+    if len(values) < 2:
+        return None
+    mean = math.fsum(values) / len(values)
+    return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
+
+def read_leaderboard(folder: Path) -> list[Row]:
+    """The rows of ``leaderboard.csv``, numbers as numbers."""
+    numbers = {"target", "mean", "sd", "real_mean"}
+    counts = {"n", "skipped", "failed", "repetitions", "real_n"}
+    with (folder / LEADERBOARD).open(encoding="utf-8", newline="") as file:
+        return [
+            {
+                key: (float(value) if value else None) if key in numbers else int(value) if key in counts else value
+                for key, value in row.items()
+            }
+            for row in csv.DictReader(file)
+        ]

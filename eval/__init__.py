@@ -1,0 +1,19 @@
+"""Metrics, probes, statistics and ratings. ``BUILTIN_METRICS`` names the metrics as lazy ``"module:Class"`` strings."""
+
+from __future__ import annotations
+
+BUILTIN_METRICS: dict[str, str] = {
+    "physics/foot-skate-ratio": "eval.metrics.foot:FootSkateRatio",
+    "physics/foot-skate-speed": "eval.metrics.foot:FootSkateSpeed",
+    "physics/foot-sliding-factor": "eval.metrics.foot:FootSlidingFactor",
+    "physics/floor-penetration": "eval.metrics.foot:FloorPenetration",
+    "physics/jerk-ratio": "eval.metrics.smoothness:JerkRatio",
+    "physics/bone-length-error": "eval.metrics.body:BoneLengthError",
+    "content/pose-distance": "eval.metrics.content:PoseDistance",
+    "content/trajectory-deviation": "eval.metrics.content:TrajectoryDeviation",
+    "timing/tempo-ratio": "eval.metrics.timing:TempoRatio",
+    "timing/duration-ratio": "eval.metrics.timing:DurationRatio",
+    "style/speed-difference": "eval.metrics.style:SpeedDifference",
+    "style/range-of-motion-difference": "eval.metrics.style:RangeOfMotionDifference",
+    "truth/pose-distance": "eval.metrics.truth:TruthPoseDistance",
+}

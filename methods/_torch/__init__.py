@@ -1,0 +1,1 @@
+"""Differentiable building blocks shared by the learned methods. Importing any module here imports torch."""

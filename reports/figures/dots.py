@@ -1,0 +1,102 @@
+"""Every metric at a glance: one panel each, a dot with its interval for each method, the real performers as a line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from reports.drawing import Drawing
+from reports.figures.style import FAINT, INK, PAGE, REAL, new_figure, style
+from reports.run import RunView
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+_COLUMNS = 3
+
+
+def _panel_title(metric: str, unit: str, direction: str) -> str:
+    arrow = {"lower": " ↓", "higher": " ↑"}.get(direction, "")
+    return f"{metric}{'' if unit in ('', '1') else f' ({unit})'}{arrow}"
+
+
+def dots(table: pd.DataFrame, *, real: str) -> Figure:
+    """Draw the leaderboard of one task.
+
+    Parameters
+    ----------
+    table
+        One row for each (method, metric): ``method, label, metric, unit, direction, target, mean, low, high, n``.
+    real
+        The method that stands for real performers; its mean is the green line of each panel.
+    """
+    metrics = list(dict.fromkeys(table["metric"]))
+    methods = list(dict.fromkeys(table.loc[table["method"] != real, "method"]))
+    labels = dict(zip(table["method"], table["label"], strict=True))
+    rows = -(-len(metrics) // _COLUMNS)
+    with style():
+        height = rows * (0.42 + 0.155 * len(methods)) + 0.1
+        figure = new_figure(PAGE, height)
+        grid = figure.subplots(rows, _COLUMNS, squeeze=False)
+        for index, axes in enumerate(grid.flat):
+            if index >= len(metrics):
+                axes.axis("off")
+                continue
+            part = table[table["metric"] == metrics[index]].set_index("method")
+            first = part.iloc[0]
+            axes.set_title(_panel_title(metrics[index], first["unit"], first["direction"]), loc="left", fontsize=7)
+            for row, method in enumerate(methods):
+                axes.axhline(row, color=FAINT, linewidth=0.5, zorder=0)
+                if method in part.index and np.isfinite(part.loc[method, "mean"]):
+                    entry = part.loc[method]
+                    axes.plot(
+                        [entry["low"], entry["high"]], [row, row], color=INK, linewidth=1.0, solid_capstyle="butt"
+                    )
+                    axes.plot(entry["mean"], row, "o", color=INK, markersize=3.2)
+                else:
+                    axes.text(
+                        0.02,
+                        row,
+                        "no value",
+                        transform=axes.get_yaxis_transform(),
+                        fontsize=5.5,
+                        va="center",
+                        color="#777777",
+                    )
+            if real in part.index and np.isfinite(part.loc[real, "mean"]):
+                axes.axvspan(part.loc[real, "low"], part.loc[real, "high"], color=REAL, alpha=0.18, linewidth=0)
+                axes.axvline(part.loc[real, "mean"], color=REAL, linewidth=1.0)
+            if first["direction"] == "target" and np.isfinite(first["target"]):
+                axes.axvline(first["target"], color=INK, linewidth=0.7, linestyle=(0, (2, 2)))
+            axes.set_ylim(len(methods) - 0.5, -0.5)
+            axes.set_yticks(range(len(methods)), [labels[m] for m in methods] if index % _COLUMNS == 0 else [])
+            axes.tick_params(axis="y", length=0)
+            axes.locator_params(axis="x", nbins=4)
+            axes.margins(x=0.08)
+        figure.tight_layout(h_pad=0.7, w_pad=0.8)
+    return figure
+
+
+def metric_dots(run: RunView) -> list[Drawing]:
+    """One page of panels for each task."""
+    drawings = []
+    for task in run.tasks:
+        table = run.leaderboard(task, variant="raw")
+        if table.empty:
+            continue
+        drawings.append(
+            Drawing(
+                name=f"metrics-{task.replace(':', '-to-')}",
+                figure=dots(table, real=run.real_method),
+                caption=(
+                    f"{run.dataset_title}, {task.replace(':', ' to ')}, raw results: means over at most "
+                    f"{int(table['n'].max())} test clips, with 95 % intervals from resampling actors and then their clips. "
+                    "Green: the same metric on real performers of the target style, where it can be had. Dashed: the value "
+                    "aimed at. An arrow says which way is better."
+                ),
+                data=table,
+            )
+        )
+    return drawings

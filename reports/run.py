@@ -1,0 +1,213 @@
+"""A finished run as the figures and the page see it: what is stored, and nothing computed anew but means and intervals."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmark.errors import StoreError
+from benchmark.motion.clip import MotionClip
+from benchmark.runner.views import LEADERBOARD, REAL, RESULTS, read_leaderboard
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: The row to start a strip with, where the run has it: the source on the target's body.
+FLOOR = "identity"
+
+
+@dataclass(frozen=True)
+class StoredCell:
+    """One cell that ended ``ok``: its folder, its method's label, and what was transferred."""
+
+    folder: Path
+    method: str
+    repetition: int
+    items: tuple[dict[str, Any], ...]
+
+    def clip(self, clip_id: str, variant: str = "raw") -> MotionClip | None:
+        """The stored result for one source clip, or ``None`` if there is none."""
+        from benchmark.motion import npz
+
+        for item in self.items:
+            if item["clip_id"] == clip_id and item["state"] == "ok":
+                path = self.folder / "outputs" / f"{item['stem']}.{variant}.npz"
+                return npz.load(path) if path.exists() else None
+        return None
+
+
+class RunView:
+    """A finished run.
+
+    Parameters
+    ----------
+    folder
+        The run folder.
+
+    Raises
+    ------
+    StoreError
+        If the folder holds no finished run.
+    """
+
+    #: The method whose rows are real performers of the target style.
+    real_method = REAL
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for name in (RESULTS, LEADERBOARD):
+            if not (folder / name).is_file():
+                raise StoreError(f"{folder} has no {name}: give the folder of a finished run, for example runs/default")
+
+    @cached_property
+    def results(self) -> pd.DataFrame:
+        """``results.parquet``, with a column ``task``."""
+        import pandas as pd
+
+        table = pd.read_parquet(self.folder / RESULTS)
+        table["task"] = table["source_style"] + ":" + table["target_style"]
+        return table
+
+    @cached_property
+    def tasks(self) -> list[str]:
+        """The tasks, as ``source:target``, in the order of the plan."""
+        return list(dict.fromkeys(self.results["task"]))
+
+    @cached_property
+    def dataset(self) -> str:
+        """Id of the data set."""
+        return str(self.results["dataset"].iloc[0])
+
+    @cached_property
+    def dataset_title(self) -> str:
+        """The data set as captions name it; generated data is called synthetic."""
+        return "Synthetic data" if self.dataset == "synthetic" else self.dataset
+
+    def methods(self, task: str) -> list[str]:
+        """The methods of a task in order: the floor first, real performers last."""
+        found = list(dict.fromkeys(self.results.loc[self.results["task"] == task, "method"]))
+        return sorted(found, key=lambda name: (name == REAL) - (name == FLOOR))
+
+    def variants(self, task: str) -> list[str]:
+        """The variants of results that were scored, ``raw`` first."""
+        rows = self.results
+        found = set(rows.loc[(rows["task"] == task) & (rows["status"] == "ok"), "variant"]) | {"raw"}
+        return sorted(found, key=lambda name: (name != "raw", name))
+
+    def label(self, method: str) -> str:
+        """A method as figures and tables name it."""
+        if method != REAL:
+            return method
+        return "held-out performer" if self.dataset == "synthetic" else "real performer"
+
+    def cells(self, task: str) -> list[StoredCell]:
+        """The cells of a task that ended ``ok``, in the order of :meth:`methods`, then by repetition."""
+        rows = self.results[self.results["task"] == task]
+        found = []
+        for row in rows[["cell_key", "method", "repetition"]].drop_duplicates().to_dict("records"):
+            folder = self.folder / "cells" / row["cell_key"]
+            if (folder / "items.json").is_file():
+                items = json.loads((folder / "items.json").read_bytes())
+                found.append(StoredCell(folder, row["method"], int(row["repetition"]), tuple(items)))
+        order = {method: rank for rank, method in enumerate(self.methods(task))}
+        return sorted(found, key=lambda cell: (order[cell.method], cell.repetition))
+
+    def leaderboard(self, task: str, *, variant: str = "raw", costs: bool = False) -> pd.DataFrame:
+        """One row for each (method, metric), with means and intervals over clips within actors.
+
+        Columns ``method, label, metric, unit, direction, target, mean, low, high, n, reason``; ``mean`` is NaN where no
+        clip has a value, and ``reason`` then says why. Repetitions of a clip are averaged first.
+        """
+        import pandas as pd
+
+        from eval.stats.bootstrap import clustered_mean
+
+        meaning = {
+            (row["metric"]): (row["unit"], row["direction"], row["target"])
+            for row in read_leaderboard(self.folder)
+            if row["task"] == task
+        }
+        rows = self.results
+        rows = rows[(rows["task"] == task) & (rows["variant"] == variant)]
+        rows = rows[rows["metric"].str.startswith("cost/") == costs]
+        order = {method: rank for rank, method in enumerate(self.methods(task))}
+        table = []
+        for (method, metric), group in rows.groupby(["method", "metric"], sort=False):
+            good = group[group["status"] == "ok"]
+            clips = good.groupby(["actor", "clip_id"], sort=True)["value"].mean().reset_index()
+            interval = clustered_mean(clips["value"].to_numpy(), clips["actor"].tolist())
+            unit, direction, target = meaning.get(metric, ("", "none", None))
+            reasons = sorted(set(group.loc[group["status"] != "ok", "reason"])) if good.empty else []
+            table.append(
+                {
+                    "method": method,
+                    "label": self.label(str(method)),
+                    "metric": metric,
+                    "unit": unit,
+                    "direction": direction,
+                    "target": float("nan") if target is None else target,
+                    **interval._asdict(),
+                    "n": len(clips),
+                    "reason": "; ".join(reasons),
+                }
+            )
+        columns = ["method", "label", "metric", "unit", "direction", "target", "mean", "low", "high", "n", "reason"]
+        frame = pd.DataFrame(table, columns=columns)
+        rank = frame["method"].map(order)
+        metric_order = {metric: rank for rank, metric in enumerate(dict.fromkeys(frame["metric"]))}
+        metric_rank = frame["metric"].map(metric_order)
+        return (
+            frame.assign(_m=rank, _k=metric_rank)
+            .sort_values(["_k", "_m"])
+            .drop(columns=["_m", "_k"])
+            .reset_index(drop=True)
+        )
+
+    def showpiece(self, task: str) -> str | None:
+        """The source clip that most methods have a result for and that, of those, moves most; ``None`` without results.
+
+        The measure of movement is the mean joint speed of the first method's result, in leg lengths a second.
+        """
+        cells = self.cells(task)
+        counts: dict[str, int] = {}
+        for cell in cells:
+            for item in cell.items:
+                if item["state"] == "ok":
+                    counts[item["clip_id"]] = counts.get(item["clip_id"], 0) + 1
+        best = [clip_id for clip_id in sorted(counts) if counts[clip_id] == max(counts.values())]
+        first = next((cell for cell in cells if cell.method != REAL), None)
+        if not best or first is None:
+            return None
+
+        def movement(clip_id: str) -> float:
+            clip = first.clip(clip_id)
+            if clip is None or len(clip) < 2:
+                return -1.0
+            local = clip.positions - clip.positions[:, :1]
+            return float(np.abs(np.diff(local, axis=0)).sum(-1).mean() * clip.fps / clip.skeleton.leg_length)
+
+        return max(best, key=movement)
+
+    def renderings(self, task: str, clip_id: str) -> list[tuple[str, MotionClip]]:
+        """Every method's raw result for one source clip, first repetition."""
+        found: dict[str, MotionClip] = {}
+        for cell in self.cells(task):
+            clip = cell.clip(clip_id)
+            if clip is not None and cell.method not in found:
+                found[cell.method] = clip
+        return list(found.items())
+
+    def clip_facts(self, clip_id: str) -> dict[str, Any]:
+        """Actor, action and whether the actor was seen in training, of one source clip."""
+        row = self.results[self.results["clip_id"] == clip_id].iloc[0]
+        return {name: row[name] for name in ("clip_id", "actor", "action", "seen_actor")}
+
+    def document(self, name: str) -> Any:
+        """A JSON file of the run folder, or ``None`` if the run did not write it."""
+        path = self.folder / name
+        return json.loads(path.read_bytes()) if path.is_file() else None

@@ -1,0 +1,118 @@
+"""The leaderboard as tables for papers: LaTeX (booktabs) and CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from reports.run import RunView
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ARROWS = {"lower": "↓", "higher": "↑", "target": "→", "none": ""}
+_LATEX_ARROWS = {"lower": r"$\downarrow$", "higher": r"$\uparrow$", "none": ""}
+
+
+def number(value: float | None) -> str:
+    """Three significant digits, without an exponent where that stays short; rounding noise is 0, no value a dash."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    if abs(value) < 1e-9:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e5:
+        return f"{value:.2e}"
+    digits = max(0, 2 - int(np.floor(np.log10(abs(value)))))
+    return f"{value:.{digits}f}"
+
+
+def short_name(metric: str) -> str:
+    """A metric without its group."""
+    return metric.partition("/")[2] or metric
+
+
+def arrow(direction: str, target: float) -> str:
+    """Which way is better, in a sign: ``↓``, ``↑``, ``→ 1``."""
+    sign = ARROWS.get(direction, "")
+    return f"{sign} {target:g}" if direction == "target" and np.isfinite(target) else sign
+
+
+def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
+    """A booktabs table, one method a row and one metric a column, mean with its 95 % interval.
+
+    Parameters
+    ----------
+    table
+        As :meth:`reports.run.RunView.leaderboard` gives it.
+    caption, label
+        Of the LaTeX table.
+    """
+    rows: list[Any] = list(table.itertuples())
+    metrics = list(dict.fromkeys(row.metric for row in rows))
+    methods = list(dict.fromkeys(row.method for row in rows))
+    cells = {(row.method, row.metric): row for row in rows}
+    first = {row.metric: row for row in reversed(rows)}
+
+    def head(metric: str) -> str:
+        row = first[metric]
+        sign = rf"$\to {row.target:g}$" if row.direction == "target" else _LATEX_ARROWS.get(row.direction, "")
+        unit = "" if row.unit in ("", "1") else f" [{_escape(row.unit)}]"
+        return rf"\rotatebox{{60}}{{{_escape(short_name(metric))}{unit} {sign}}}"
+
+    def body(method: str, metric: str) -> str:
+        row = cells.get((method, metric))
+        if row is None or not np.isfinite(row.mean):
+            return "--"
+        return rf"\shortstack[r]{{{number(row.mean)}\\{{\tiny [{number(row.low)}, {number(row.high)}]}}}}"
+
+    lines = [
+        "% needs: booktabs, graphicx",
+        r"\begin{table}",
+        r"\centering\small",
+        rf"\caption{{{_escape(caption)}}}",
+        rf"\label{{{label}}}",
+        rf"\begin{{tabular}}{{l{'r' * len(metrics)}}}",
+        r"\toprule",
+        " & ".join(["method", *map(head, metrics)]) + r" \\",
+        r"\midrule",
+        *(" & ".join([_escape(method), *(body(method, metric) for metric in metrics)]) + r" \\" for method in methods),
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _escape(text: str) -> str:
+    for plain, escaped in (
+        ("\\", r"\textbackslash "),
+        ("&", r"\&"),
+        ("%", r"\%"),
+        ("_", r"\_"),
+        ("#", r"\#"),
+        ("$", r"\$"),
+    ):
+        text = text.replace(plain, escaped)
+    return text.replace("²", "$^2$").replace("³", "$^3$").replace("·", r"$\cdot$")
+
+
+def write_tables(run: RunView) -> list[Path]:
+    """Write ``tables/leaderboard-TASK-VARIANT.{csv,tex}`` for each task and variant; return their paths."""
+    folder = run.folder / "tables"
+    folder.mkdir(exist_ok=True)
+    written = []
+    for task in run.tasks:
+        for variant in run.variants(task):
+            table = run.leaderboard(task, variant=variant)
+            stem = f"leaderboard-{task.replace(':', '-to-')}-{variant}"
+            csv, tex = folder / f"{stem}.csv", folder / f"{stem}.tex"
+            table.drop(columns="label").to_csv(csv, index=False)
+            caption = (
+                f"{run.dataset_title}, {task.replace(':', ' to ')}, {variant} results: means over clips with 95 % intervals "
+                "(clustered bootstrap, actors and then their clips)."
+            )
+            tex.write_text(latex_leaderboard(table, caption=caption, label=f"tab:{stem}"), encoding="utf-8")
+            written += [csv, tex]
+    return written

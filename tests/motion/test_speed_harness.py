@@ -1,0 +1,140 @@
+"""The side-by-side timings of ``tests/speed`` still run: small sizes, no figure asserted."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+FOLDER = Path(__file__).resolve().parents[1] / "speed"
+NAMES = ("timing", "bench_bvh", "bench_fk", "bench_dtw", "bench_start", "run")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Silent:
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def print(self, *words: object, **_: object) -> None:
+        self.said.append(" ".join(map(str, words)))
+
+
+@pytest.fixture
+def speed(monkeypatch):
+    """The modules of the folder, loaded as the script loads them and forgotten afterwards."""
+    for name in THREADS:
+        monkeypatch.setenv(name, "1")
+    monkeypatch.syspath_prepend(str(FOLDER))
+    for name in NAMES:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    yield SimpleNamespace(**{name: importlib.import_module(name) for name in NAMES})
+    for name in NAMES:
+        sys.modules.pop(name, None)
+
+
+def check_rows(rows: list[dict]) -> None:
+    assert rows
+    for row in rows:
+        assert {"task", "what", "value", "unit", "ratio"} <= set(row)
+        assert row["value"] is not None or row["note"]
+    for task in {row["task"] for row in rows}:
+        ours = [row for row in rows if row["task"] == task and row["what"] == "ours"]
+        assert len(ours) == 1
+        assert ours[0]["value"] > 0
+
+
+def test_kinematics_bench_runs(speed):
+    rows = speed.bench_fk.run(Silent(), frames=5, repeats=1)
+    check_rows(rows)
+    by_name = {row["what"]: row for row in rows if row["task"] == "FK"}
+    # These two are installed wherever the suite is; so they must run, and give our positions.
+    assert by_name["scipy Rotation"]["value"] > 0
+    assert by_name["torch joint loop"]["value"] > 0
+
+
+def test_a_peer_with_another_answer_is_struck_off(speed):
+    case = speed.bench_fk.Case(3)
+    with pytest.raises(ValueError, match="differ from ours"):
+        case.check(case.positions + 1e-3)
+    alignment = speed.bench_dtw.Case(20)
+    with pytest.raises(ValueError, match="its cost is"):
+        alignment.check(alignment.cost * 1.001)
+
+    def wrong(case):
+        case.check(case.positions + 1.0)
+
+    def absent(case):
+        raise ImportError("no such library")
+
+    jobs, missing = speed.timing.collect({"wrong": wrong, "absent": absent}, case, console=Silent())
+    assert jobs == {}
+    assert missing["absent"] == "not installed"
+    assert missing["wrong"].startswith("fails: ValueError")
+
+
+def test_alignment_bench_runs(speed):
+    check_rows(speed.bench_dtw.run(Silent(), sizes={12: 1, 20: 1}))
+
+
+def test_file_bench_runs(speed, monkeypatch):
+    make = speed.bench_bvh.make_file
+    monkeypatch.setattr(speed.bench_bvh, "make_file", lambda path: make(path, joints=6, frames=12))
+    monkeypatch.setattr(speed.bench_bvh, "REPEATS", 1)
+    check_rows(speed.bench_bvh.run(Silent()))
+
+
+def test_start_bench_runs(speed):
+    check_rows(speed.bench_start.run(Silent(), repeats=1))
+
+
+def row(task: str, what: str, value: float | None, unit: str = "ms") -> dict:
+    return {"task": task, "what": what, "value": value, "unit": unit, "ratio": None, "note": "not installed"}
+
+
+@pytest.mark.parametrize(
+    ("rows", "met"),
+    [
+        ([row("BVH read", "ours", 101.0, "MB/s")], True),
+        ([row("BVH read", "ours", 99.0, "MB/s")], False),
+        ([row("Start, list methods", "ours", 900.0)], False),
+        ([row("FK", "ours", 1.0), row("FK", "pybvh, from Euler angles", 6.5), row("FK", "pymotion", 2.0)], True),
+        ([row("FK", "ours", 1.0), row("FK", "pybvh, from Euler angles", 5.5)], False),
+        ([row("FK", "ours", 1.0), row("FK", "pybvh, from Euler angles", None)], None),
+        ([row("DTW, 300 frames", "ours", 2.0), row("DTW, 300 frames", "librosa", 3.0)], True),
+        ([row("DTW, 300 frames", "ours", 2.0), row("DTW, 300 frames", "librosa", 1.9)], False),
+        ([row("DTW, 9 frames", "ours", 2.0), row("DTW, 9 frames", "fastdtw, approximate", 1.0)], None),
+        ([row("FK", "ours", None)], None),
+    ],
+)
+def test_goals_are_judged_in_the_right_direction(speed, rows, met):
+    (verdict,) = speed.run.judge(rows)
+    assert verdict.met is met
+
+
+def test_the_command_prints_a_table_and_keeps_the_figures(speed, monkeypatch, tmp_path):
+    fake = ModuleType("bench_fake")
+    fake.run = lambda console: [row("FK", "ours", 2.0), row("FK", "pybvh", 14.0), row("FK", "pymotion", None)]
+    monkeypatch.setitem(sys.modules, "bench_fake", fake)
+    monkeypatch.setattr(speed.run, "BENCHES", {"fake": "bench_fake"})
+    kept = tmp_path / "speed.json"
+    result = CliRunner().invoke(speed.run.main, ["--only", "fake", "--json", str(kept)], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "7.00x" in result.output
+    assert "not installed" in result.output
+    assert "-c constraints.txt -e '.[peers]'" in result.output
+    assert "met  FK: at least 6 times as fast as pybvh; found 7.00 times pybvh" in result.output
+    figures = json.loads(kept.read_text())
+    assert figures["machine"]["numpy"]
+    assert figures["rows"][0]["value"] == 2.0
+    assert figures["goals"][0]["met"] is True
+
+
+def test_an_unknown_bench_is_named(speed):
+    result = CliRunner().invoke(speed.run.main, ["--only", "fk,warp"])
+    assert result.exit_code == 2
+    assert "warp (known: bvh, fk, dtw, start)" in result.output
