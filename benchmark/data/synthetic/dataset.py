@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmark.data.base import ClipRecord, Dataset
+from benchmark.data.cache import cached_clip, canonical_version
 from benchmark.data.cards import Card, load_card
 from benchmark.data.synthetic.actions import write_score
 from benchmark.data.synthetic.body import Anatomy, Body, draw_anatomy
@@ -200,12 +201,12 @@ class SyntheticDataset(Dataset):
         return tuple(sorted(records, key=lambda record: record.clip_id))
 
     def load(self, clip_id: str) -> MotionClip:
-        """The canonical clip, noise included, made when first asked for and then kept in memory.
-
-        It is not stored on disk: making it costs about as much as reading it would.
-        """
+        """The canonical clip, noise included, made when first asked for and then kept in memory and in the cache folder."""
         if clip_id not in self._clips:
-            self._clips[clip_id] = canonicalise(self.raw(clip_id), fps=self._fps)
+            record = self.record(clip_id)
+            key = digest({"synthetic": record.sha256, "fps": self._fps, "canonical": canonical_version()})
+            meta = replace(record.meta, source="synthetic")
+            self._clips[clip_id] = cached_clip(key, lambda: canonicalise(self.raw(clip_id), fps=self._fps), meta)
         return self._clips[clip_id]
 
     def raw(self, clip_id: str, *, noise: bool = True) -> MotionClip:
