@@ -316,7 +316,7 @@ class Sample:
         The task, with the target skeleton.
     time_map
         As in :class:`TransferResult`.
-    contacts
+    contacts, copied_from
         As in :class:`TransferResult`.
     """
 
@@ -327,6 +327,7 @@ class Sample:
     task: StyleTask
     time_map: NDArray[np.float64] | None = None
     contacts: NDArray[np.bool_] | None = None
+    copied_from: str | None = None
 
 
 class NotApplicableError(Exception):

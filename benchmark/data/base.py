@@ -13,6 +13,7 @@ from benchmark.data.cards import Card
 from benchmark.digest import digest as json_digest
 from benchmark.errors import DataError, UnknownNameError
 from benchmark.motion.clip import ClipMeta, MotionClip
+from benchmark.motion.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
@@ -147,8 +148,11 @@ class Dataset(ABC):
         """The split protocol that ``auto`` stands for; see :mod:`benchmark.data.splits`."""
         return self.card.default_protocol
 
-    def truth(self, clip_id: str, target_style: str) -> MotionClip | None:
-        """The true performance of a clip's content in another style, which only generated data has."""
+    def truth(self, clip_id: str, target_style: str, skeleton: Skeleton | None = None) -> MotionClip | None:
+        """The true performance of a clip's content in another style, which only generated data has.
+
+        Performed by ``skeleton``, or by a typical performer of that style.
+        """
         return None
 
     def has_truth(self, clip_id: str, target_style: str) -> bool:

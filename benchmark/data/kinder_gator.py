@@ -13,7 +13,14 @@ from benchmark.data.archive import data_files, upstream
 from benchmark.data.base import ClipRecord
 from benchmark.data.cache import file_digests
 from benchmark.data.cards import Card, load_card
-from benchmark.data.files import FileDataset, kinect_floor, kinect_skeleton, kinect_skeleton_key, require_unaltered, unique
+from benchmark.data.files import (
+    FileDataset,
+    kinect_floor,
+    kinect_skeleton,
+    kinect_skeleton_key,
+    require_unaltered,
+    unique,
+)
 from benchmark.data.locate import locate
 from benchmark.digest import digest as json_digest
 from benchmark.errors import DataError

@@ -195,7 +195,7 @@ class _Scorer:
         references = [name for name in item["reference_ids"] if name != item["copied_from"]]
         truth_id = f"truth of {item['clip_id']}"
         if item["has_truth"] and truth_id not in self._clips:
-            truth = self.dataset.truth(item["clip_id"], self.task.target_style)
+            truth = self.dataset.truth(item["clip_id"], self.task.target_style, self.task.target_skeleton)
             if truth is not None:
                 self._clips[truth_id] = truth
         return Sample(
@@ -206,6 +206,7 @@ class _Scorer:
             self.task,
             extras.get("time_map"),
             extras.get("contacts"),
+            item["copied_from"],
         )
 
     def _clip(self, clip_id: str) -> MotionClip:

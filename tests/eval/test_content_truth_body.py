@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -182,6 +184,13 @@ def test_a_bone_that_stretches_in_one_frame() -> None:
 def test_bones_without_a_target_are_the_sources() -> None:
     clip = walk(BODY)
     assert BoneLengthError().compute(sample(clip, clip)) < 1e-9
+
+
+def test_bones_of_a_real_performer() -> None:
+    clip = walk(BODY.scaled(1.2))
+    real = replace(sample(clip, clip, skeleton=BODY), copied_from="child/723/walk_1")
+    with pytest.raises(NotApplicableError, match="own body"):
+        BoneLengthError().compute(real)
 
 
 def test_bones_of_other_joints() -> None:

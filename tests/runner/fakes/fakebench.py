@@ -82,7 +82,7 @@ class Fake(Dataset):
             skeleton(0.6 if record.style == "child" else 1.0), quat.exp(angles), root, self.fps, record.meta
         )
 
-    def truth(self, clip_id: str, target_style: str) -> MotionClip | None:
+    def truth(self, clip_id: str, target_style: str, skeleton=None) -> MotionClip | None:
         record = self.record(clip_id)
         return self.load(clip_id) if record.action == "walk" else None
 
