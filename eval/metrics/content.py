@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from benchmark.motion.dtw import dtw_from_costs
-from benchmark.motion.retarget import retarget
 from numpy.typing import NDArray
 
 from benchmark.api import Metric, MetricInfo, NotApplicableError, Sample
 from benchmark.motion import quat
 from benchmark.motion.clip import MotionClip
+from benchmark.motion.dtw import dtw_from_costs
 from benchmark.motion.pose import heading_rotations
+from benchmark.motion.retarget import retarget
 from benchmark.motion.skeleton import Skeleton
 from eval.metrics.shared import stride
 
