@@ -33,10 +33,10 @@ def short_name(metric: str) -> str:
     return metric.partition("/")[2] or metric
 
 
-def arrow(direction: str, target: float) -> str:
+def arrow(direction: str, target: float | None) -> str:
     """Which way is better, in a sign: ``↓``, ``↑``, ``→ 1``."""
     sign = ARROWS.get(direction, "")
-    return f"{sign} {target:g}" if direction == "target" and np.isfinite(target) else sign
+    return f"{sign} {target:g}" if direction == "target" and target is not None and np.isfinite(target) else sign
 
 
 def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:

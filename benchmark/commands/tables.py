@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
     from benchmark.runner.run import Prepared
-
-_ARROWS = {"lower": "↓", "higher": "↑", "target": "→", "none": ""}
 
 
 def plan_table(prepared: Prepared) -> Table:
@@ -33,42 +32,52 @@ def plan_table(prepared: Prepared) -> Table:
     return table
 
 
-def leaderboard_tables(rows: Sequence[dict[str, Any]]) -> list[Table]:
+def leaderboard_tables(rows: Sequence[dict[str, Any]]) -> list[Table | Text]:
     """One table for each task and group of metrics: methods as rows, real motion last, the best of the others in bold.
 
-    Physics is shown without and with the common foot lock; other groups without.
+    Physics is shown without and with the common foot lock; other groups without. Of a group in which nothing has a value, a
+    line says why.
     """
-    tables = []
+    tables: list[Table | Text] = []
     for task in dict.fromkeys(row["task"] for row in rows):
         of_task = [row for row in rows if row["task"] == task]
         groups: dict[str, list[dict[str, Any]]] = {}
         for row in of_task:
             groups.setdefault(row["metric"].partition("/")[0], []).append(row)
-        tables += [_group_table(task, group, members) for group, members in groups.items()]
+        for group, members in groups.items():
+            if any(row["mean"] is not None for row in members):
+                tables.append(_group_table(task, group, members))
+            else:
+                reasons = "; ".join(dict.fromkeys(row["reason"] for row in members))
+                tables.append(Text(f"{group}, {task}: no values ({reasons})", style="dim"))
     return tables
 
 
 def _group_table(task: str, group: str, rows: Sequence[dict[str, Any]]) -> Table:
     from benchmark.runner.views import REAL
+    from reports.tables import arrow
 
     variants = ("raw", "cleaned") if group == "physics" else ("raw",)
     rows = [row for row in rows if row["variant"] in variants]
     metrics = {row["metric"]: row for row in reversed(rows)}
     names = sorted(dict.fromkeys((row["method"], row["variant"]) for row in rows), key=lambda pair: pair[0] == REAL)
     cells = {(row["method"], row["variant"], row["metric"]): row for row in rows}
-    table = Table(title=Text(f"{group}, {task}: mean over clips (n)"), title_justify="left")
+    title = f"{group}: {rows[0]['dataset']}, {task.replace(':', ' to ')}; mean over clips (n)"
+    table = Table(
+        title=Text(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
     table.add_column("method", no_wrap=True)
     shown = list(dict.fromkeys(row["metric"] for row in rows))
     for metric in shown:
         info = metrics[metric]
-        aim = f"→ {info['target']:g}" if info["direction"] == "target" else _ARROWS[info["direction"]]
+        aim = arrow(info["direction"], info["target"])
         heading = f"{metric.partition('/')[2].replace('_', ' ').replace('-', ' ')} {aim}".strip()
         table.add_column(Text(heading + ("" if info["unit"] in ("1", "B") else f" [{info['unit']}]")), justify="right")
     best = {metric: _best([r for r in rows if r["metric"] == metric and r["method"] != REAL]) for metric in shown}
     for method, variant in names:
         if method == REAL and variant == "raw":
             table.add_section()
-        label = method + ("" if variant == "raw" else " (cleaned)") + (" = real" if method == REAL else "")
+        label = method + ("" if variant == "raw" else " (cleaned)") + (" (ceiling)" if method == REAL else "")
         values = [_value(cells.get((method, variant, metric)), best[metric]) for metric in shown]
         table.add_row(Text(label), *values)
     return table
@@ -92,20 +101,18 @@ def _value(row: dict[str, Any] | None, best: float | None) -> Text:
         return Text("")
     if row["mean"] is None:
         return Text("failed" if row["failed"] else "skipped", style="dim")
-    number = _bytes(row["mean"]) if row["unit"] == "B" else _number(row["mean"])
-    return Text(f"{number} ({row['n']})", style="bold" if row["mean"] == best else "")
+    from reports.tables import number
 
-
-def _number(value: float) -> str:
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    shown = _bytes(row["mean"]) if row["unit"] == "B" else number(row["mean"])
+    return Text(f"{shown} ({row['n']})", style="bold" if row["mean"] == best else "")
 
 
 def _bytes(value: float) -> str:
     for unit in ("B", "kB", "MB"):
         if value < 1000:
-            return f"{_number(value)} {unit}"
+            return f"{value:.3g} {unit}"
         value /= 1000
-    return f"{_number(value)} GB"
+    return f"{value:.3g} GB"
 
 
 def make_console() -> Console:

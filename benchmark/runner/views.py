@@ -49,6 +49,7 @@ RESULT_COLUMNS = {
 }
 
 LEADERBOARD_COLUMNS = (
+    "dataset",
     "task",
     "method",
     "variant",
@@ -238,6 +239,7 @@ def leaderboard(rows: Sequence[Row], directions: Mapping[str, tuple[str, float |
         reasons = sorted({row["reason"] for row in group if row["status"] != "ok"})
         table.append(
             {
+                "dataset": group[0]["dataset"],
                 "task": task,
                 "method": method,
                 "variant": variant,

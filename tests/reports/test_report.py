@@ -1,0 +1,118 @@
+"""Figures, tables and the page of a small real run."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from benchmark.commands.report import figures
+from benchmark.errors import StoreError, UnknownNameError
+from reports.build import build_report, draw_figures
+from reports.run import RunView
+
+
+class Page(HTMLParser):
+    """Collects what a test asks of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self.data = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        self.data.append(data)
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.data).split())
+
+
+@pytest.fixture(scope="module")
+def page(finished):
+    return Page(build_report(finished).read_text(encoding="utf-8"))
+
+
+def test_page_stands_alone(page, finished):
+    outside = [a for _, attributes in page.elements for k, a in attributes.items() if k in ("src", "href")]
+    assert outside and not any(re.match(r"(https?:)?//", link) for link in outside)
+    images = page.all("img")
+    assert len(images) == 2
+    assert all(image["src"].startswith("data:image/png;base64,") and len(image["alt"]) > 40 for image in images)
+    for link in page.all("a"):
+        assert (finished / "report" / link["href"]).resolve().is_file(), link
+    assert (finished / "report" / "index.html").stat().st_size < 25e6
+
+
+def test_page_says_what_it_is(page):
+    assert "Synthetic data." in page.text and "nobody performed it" in page.text
+    assert "Only 2 test clips were transferred" in page.text
+    for words in ("licence", "MIT", "held-out performer", "config.toml", "dataset", "numpy"):
+        assert words in page.text, words
+    assert {"lang": "en"} in page.all("html")
+
+
+def test_page_shows_the_means_of_the_results(page, finished):
+    rows = RunView(finished).results
+    rows = rows[(rows["metric"] == "timing/duration-ratio") & (rows["method"] == "dynamic-scaling[time]")]
+    mean = rows.loc[rows["variant"] == "raw", "value"].mean()
+    shown = [float(cell["data-value"]) for cell in page.all("td") if cell.get("data-value")]
+    assert np.isclose(shown, mean, rtol=1e-12).any()
+
+
+def test_leaderboard_has_every_method_and_metric_once(finished):
+    run = RunView(finished)
+    table = run.leaderboard("adult:child")
+    assert not table.duplicated(["method", "metric"]).any()
+    assert set(table["method"]) == {"identity", "dynamic-scaling[time]", "child-reference"}
+    assert list(dict.fromkeys(table["method"])) == ["identity", "dynamic-scaling[time]", "child-reference"]
+    good = table[table["n"] > 0]
+    assert ((good["low"] <= good["mean"] + 1e-12) & (good["mean"] <= good["high"] + 1e-12)).all()
+    assert (table.loc[table["n"] == 0, "reason"] != "").all()
+
+
+def test_tables_for_papers(finished):
+    build_report(finished)
+    csv = pd.read_csv(finished / "tables" / "leaderboard-adult-to-child-raw.csv")
+    assert {"physics/jerk-ratio", "truth/pose-distance"} <= set(csv["metric"])
+    tex = (finished / "tables" / "leaderboard-adult-to-child-raw.tex").read_text(encoding="utf-8")
+    body = tex.split(r"\midrule")[1].split(r"\bottomrule")[0].strip().splitlines()
+    assert len(body) == 3 and len({line.count(" & ") for line in body}) == 1
+    assert tex.count("{") == tex.count("}") and "Synthetic data" in tex
+
+
+def test_the_same_run_gives_the_same_files(finished):
+    first = {entry.name: (entry.pdf.read_bytes(), entry.csv.read_bytes()) for entry in draw_figures(finished)}
+    second = {entry.name: (entry.pdf.read_bytes(), entry.csv.read_bytes()) for entry in draw_figures(finished)}
+    assert first == second
+
+
+def test_strip_numbers_are_joint_positions(finished):
+    draw_figures(finished, ["pose-strips"])
+    table = pd.read_csv(finished / "figures" / "pose-strip-adult-to-child.csv")
+    run = RunView(finished)
+    (_, clip), *_ = run.renderings("adult:child", run.showpiece("adult:child"))
+    first = table[(table["row"] == "adult input") & (table["seconds"] == 0.0)]
+    np.testing.assert_allclose(first[["x", "y", "z"]], clip.positions[0], atol=1e-12)
+
+
+def test_unknown_figures_and_folders_are_refused(finished, tmp_path):
+    with pytest.raises(UnknownNameError, match="did you mean 'pose-strips'"):
+        draw_figures(finished, ["pose-strip"])
+    with pytest.raises(StoreError, match="folder of a finished run"):
+        RunView(tmp_path)
+
+
+def test_figures_command_names_the_files(finished):
+    result = CliRunner().invoke(figures, [str(finished), "--only", "metric-*"])
+    assert result.exit_code == 0 and "metrics-adult-to-child.png" in result.output
