@@ -72,7 +72,7 @@ def test_the_whole_way_on_a_folder_of_files(cli, corpus, tmp_path):
 
     first = cli(*folder_run(corpus, *methods)).stdout
     assert "4 cells: 4 run, 0 scored again, 0 from the cache, 0 skipped, 0 failed" in first
-    assert "physics, adult:child" in first
+    assert "physics: folder:corpus" in first and "adult to child" in first
     assert "child-reference (ceiling)" in first
     import pandas as pd
 

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import gc
 import importlib
-import statistics
 import tempfile
-import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from timing import Job, interleaved, rows
 
 from benchmark.motion import bvh
 
 JOINTS, FRAMES = 31, 4000
 REPEATS = 9
 TIME_LIMIT = 20.0  # seconds spent on a contestant, after which its repeats so far count
-
-Job = Callable[[], object]
 
 
 def make_file(path: Path, *, joints: int = JOINTS, frames: int = FRAMES) -> None:
@@ -50,80 +46,70 @@ def make_file(path: Path, *, joints: int = JOINTS, frames: int = FRAMES) -> None
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _pybvh(source: Path, target: Path) -> tuple[Job, Job]:
+def _pybvh(source: Path, target: Path) -> dict[str, Job]:
     library = importlib.import_module("pybvh")
     motion = library.read_bvh_file(source)
-    return lambda: library.read_bvh_file(source), lambda: motion.write(target)
+    return {
+        "read": lambda: library.read_bvh_file(source),
+        "place": lambda: library.read_bvh_file(source).node_positions(),
+        "write": lambda: motion.write(target),
+    }
 
 
-def _pymotion(source: Path, target: Path) -> tuple[Job, Job]:
+def _pymotion(source: Path, target: Path) -> dict[str, Job]:
     reader = importlib.import_module("pymotion.io.bvh").BVH
+    kinematics = importlib.import_module("pymotion.ops.skeleton_np")
 
     def load() -> Any:
         motion = reader()
         motion.load(str(source))
         return motion.get_data()
 
+    def place() -> Any:
+        rotations, positions, parents, offsets, *_ = load()
+        return kinematics.fk_quat(rotations, positions[:, 0], offsets, parents)
+
     motion = reader()
     motion.load(str(source))
-    return load, lambda: motion.save(str(target))
+    return {"read": load, "place": place, "write": lambda: motion.save(str(target))}
 
 
-def _bvhio(source: Path, target: Path) -> tuple[Job, Job]:
+def _bvhio(source: Path, target: Path) -> dict[str, Job]:
     library = importlib.import_module("bvhio")
     motion = library.readAsBvh(str(source))
-    return lambda: library.readAsBvh(str(source)), lambda: library.writeBvh(str(target), motion)
+    return {"read": lambda: library.readAsBvh(str(source)), "write": lambda: library.writeBvh(str(target), motion)}
 
 
-def _bvhtoolbox(source: Path, target: Path) -> tuple[Job, Job | None]:
-    tree = importlib.import_module("bvhtoolbox").BvhTree
-    return lambda: tree(source.read_text()), None
-
-
-def _bvhtools(source: Path, target: Path) -> tuple[Job, Job]:
+def _bvhtools(source: Path, target: Path) -> dict[str, Job]:
     io = importlib.import_module("bvhTools.bvhIO")
     motion = io.readBvh(str(source))
-    return lambda: io.readBvh(str(source)), lambda: io.writeBvh(motion, str(target))
+    return {"read": lambda: io.readBvh(str(source)), "write": lambda: io.writeBvh(motion, str(target))}
 
 
-PEERS: dict[str, Callable[[Path, Path], tuple[Job, Job | None]]] = {
+PEERS: dict[str, Callable[[Path, Path], dict[str, Job]]] = {
     "pybvh": _pybvh,
     "pymotion": _pymotion,
     "bvhio": _bvhio,
-    "bvhtoolbox": _bvhtoolbox,
     "bvhTools": _bvhtools,
 }
 
-
-def time_interleaved(jobs: dict[str, Job]) -> dict[str, float]:
-    """Median seconds of each job.
-
-    The jobs take turns, so that a slow moment of the machine hits all of them, and in another order each round, so that
-    none always inherits the caches and the heap that a certain other one leaves behind.
-    """
-    rng = np.random.default_rng(11)
-    taken: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(REPEATS):
-        for name in rng.permutation(list(jobs)).tolist():
-            if sum(taken[name]) < TIME_LIMIT:
-                gc.collect()
-                started = time.perf_counter()
-                jobs[name]()
-                taken[name].append(time.perf_counter() - started)
-    return {name: statistics.median(seconds) for name, seconds in taken.items()}
+TASKS = {"read": "BVH read", "place": "BVH read and world positions", "write": "BVH write"}
 
 
-def run(console: Any) -> list[dict]:
-    """Time reading and writing of one file of 31 joints and 4000 frames.
+def run(console: Any, *, frames: int = FRAMES, repeats: int = REPEATS) -> list[dict[str, Any]]:
+    """Time reading and writing of one file of 31 joints.
 
-    Reading ends with everything in arrays: quaternions and a validated clip for ours, whatever the peer calls loaded.
-    Writing is timed twice for ours: a clip as read, and the same motion without its source, whose Euler angles must be
-    found first; peers write the channels they read.
+    Reading ends with everything in arrays: quaternions and a validated clip for ours, whatever the peer calls loaded (Euler
+    angles for pybvh and bvhTools). So that the same work is compared too, reading is also timed up to world positions, for
+    the peers that offer them. Writing is timed twice for ours: a clip as read, and the same motion without its source,
+    whose Euler angles must be found first; peers write the channels they read.
 
     Parameters
     ----------
     console
-        Anything with ``print``; told which peers are absent or failed.
+        Anything with ``print``; told which peers failed.
+    frames, repeats
+        Size of the file, and how often each is timed.
 
     Returns
     -------
@@ -133,38 +119,34 @@ def run(console: Any) -> list[dict]:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         source, target = Path(folder) / "in.bvh", Path(folder) / "out.bvh"
-        make_file(source)
+        make_file(source, frames=frames)
         size = source.stat().st_size / 1e6
         clip = bvh.load(source, unit="cm")
         bare = clip.replace(source=None)
-        reads: dict[str, Job] = {"ours": lambda: bvh.load(source, unit="cm")}
-        writes: dict[str, Job] = {
-            "ours": lambda: bvh.save(clip, target),
-            "ours, without source": lambda: bvh.save(bare, target),
+        jobs: dict[str, dict[str, Job]] = {
+            "read": {"ours": lambda: bvh.load(source, unit="cm")},
+            "place": {"ours": lambda: bvh.load(source, unit="cm").positions},
+            "write": {
+                "ours": lambda: bvh.save(clip, target),
+                "ours, without source": lambda: bvh.save(bare, target),
+            },
         }
+        missing: dict[str, str] = {}
         for name, prepare in PEERS.items():
             try:
-                read, write = prepare(source, Path(folder) / f"{name}.bvh")
-                read()
-                if write is not None:
-                    write()
-            except ImportError as error:
-                console.print(f"BVH: {name} is not installed ({error}); skipped")
-                continue
+                offered = prepare(source, Path(folder) / f"{name}.bvh")
+                for job in offered.values():
+                    job()
+            except ImportError:
+                missing[name] = "not installed"
             except Exception as error:  # a peer's fault must not end the comparison
-                console.print(f"BVH: {name} fails on the test file ({type(error).__name__}: {error}); skipped")
-                continue
-            reads[name] = read
-            if write is not None:
-                writes[name] = write
-        return _rows("BVH read", reads, size) + _rows("BVH write", writes, size)
-
-
-def _rows(task: str, jobs: dict[str, Job], size: float) -> list[dict]:
-    rates = {name: size / seconds for name, seconds in time_interleaved(jobs).items()}
-    peers = [rate for name, rate in rates.items() if not name.startswith("ours")]
-    best = max(peers, default=None)
-    return [
-        {"task": task, "what": name, "value": rate, "unit": "MB/s", "ratio": None if best is None else rate / best}
-        for name, rate in rates.items()
-    ]
+                missing[name] = f"fails: {type(error).__name__}: {error}"
+                console.print(f"{name} {missing[name]}")
+            else:
+                for task, job in offered.items():
+                    jobs[task][name] = job
+        result = []
+        for task, contestants in jobs.items():
+            seconds = interleaved(contestants, repeats=repeats, limit=TIME_LIMIT)
+            result += rows(TASKS[task], seconds, missing, work=size, unit="MB/s")
+        return result

@@ -99,5 +99,6 @@ def run(
         case = Case(frames)
         jobs, missing = collect({name: PEERS[name] for name in peers}, case, console=console)
         ours: dict[str, Job] = {"ours": lambda case=case: dtw(case.x, case.y)}
-        result += rows(f"DTW, {frames} frames", interleaved({**ours, **jobs}, repeats=repeats), missing)
+        seconds = interleaved({**ours, **jobs}, repeats=repeats)
+        result += rows(f"DTW, {frames} frames", seconds, missing, work=frames**2 / 1e6, unit="M cells/s")
     return result

@@ -163,5 +163,6 @@ def run(console: Any, *, frames: int = FRAMES, repeats: int = REPEATS) -> list[d
     result = []
     for task, (ours, builders) in tasks.items():
         peers, missing = collect(builders, case, console=console)
-        result += rows(task, interleaved({"ours": ours, **peers}, repeats=repeats), missing)
+        seconds = interleaved({"ours": ours, **peers}, repeats=repeats)
+        result += rows(task, seconds, missing, work=frames / 1e3, unit="k poses/s")
     return result

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import random
 import statistics
 import time
 from collections.abc import Callable, Mapping
@@ -29,37 +31,45 @@ def version(name: str) -> str:
 def interleaved(jobs: Mapping[str, Job], *, repeats: int, limit: float = 15.0) -> dict[str, float]:
     """Median seconds of each job after one untimed call.
 
-    The jobs take turns, so that a slow moment of the machine hits all of them. A job that has used ``limit`` seconds sits out
-    the remaining rounds.
+    The jobs take turns, so that a slow moment of the machine hits all of them, and in another order each round, so that
+    none always inherits the caches and the heap that a certain other one leaves behind. A job that has used ``limit``
+    seconds sits out the remaining rounds.
     """
     for job in jobs.values():
         job()
+    order = random.Random(11)
     taken: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
-        for name, job in jobs.items():
+        for name in order.sample(list(jobs), len(jobs)):
             if sum(taken[name]) < limit:
+                gc.collect()
                 started = time.perf_counter()
-                job()
+                jobs[name]()
                 taken[name].append(time.perf_counter() - started)
     return {name: statistics.median(seconds) for name, seconds in taken.items()}
 
 
-def rows(task: str, seconds: Mapping[str, float], missing: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Rows in milliseconds; ``ratio`` is the best peer's time over the row's, and those of ``missing`` hold their reason."""
+def rows(
+    task: str, seconds: Mapping[str, float], missing: Mapping[str, str], *, work: float | None = None, unit: str = "ms"
+) -> list[dict[str, Any]]:
+    """Rows of ``work`` per second in ``unit``, or of milliseconds; ``ratio`` is the best peer's time over the row's.
+
+    The rows of ``missing`` hold their reason.
+    """
     peers = [value for name, value in seconds.items() if not name.startswith("ours")]
     best = min(peers, default=None)
     timed = [
         {
             "task": task,
             "what": name,
-            "value": 1e3 * value,
-            "unit": "ms",
+            "value": 1e3 * value if work is None else work / value,
+            "unit": unit,
             "ratio": None if best is None else best / value,
         }
         for name, value in seconds.items()
     ]
     absent = [
-        {"task": task, "what": name, "value": None, "unit": "ms", "ratio": None, "note": reason}
+        {"task": task, "what": name, "value": None, "unit": unit, "ratio": None, "note": reason}
         for name, reason in missing.items()
     ]
     return timed + absent
