@@ -245,6 +245,8 @@ class Registry:
             if isinstance(node, ast.ClassDef) and node.name == entry.attribute:
                 facts = _info_call(node, self.info_fields)
                 return Description(summary=str(facts.pop("summary", "")), facts=facts)
+            if isinstance(node, ast.FunctionDef) and node.name == entry.attribute:
+                return Description(summary=(ast.get_docstring(node) or "").partition("\n")[0].rstrip("."))
         if not _binds(tree, entry.attribute):
             return Description(error=f"module {entry.module!r} has no {entry.attribute!r}")
         return Description()

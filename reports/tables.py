@@ -1,4 +1,4 @@
-"""The leaderboard as tables for papers: LaTeX (booktabs) and CSV."""
+"""The leaderboard as tables: LaTeX (booktabs) for papers, Markdown for read-me files, CSV."""
 
 from __future__ import annotations
 
@@ -85,6 +85,39 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def markdown_leaderboard(table: pd.DataFrame) -> str:
+    """A Markdown table, one metric a row and one method a column, mean with its 95 % interval.
+
+    Parameters
+    ----------
+    table
+        As :meth:`reports.run.RunView.leaderboard` gives it.
+    """
+    rows: list[Any] = list(table.itertuples())
+    labels = {row.method: row.label for row in rows}
+    metrics = {row.metric: row for row in reversed(rows)}
+    cells = {(row.method, row.metric): row for row in rows}
+
+    def head(row: Any) -> str:
+        unit = "" if row.unit in ("", "1") else f", {row.unit}"
+        return f"{row.metric}{unit} {arrow(row.direction, row.target)}".strip()
+
+    def body(row: Any) -> str:
+        if row is None or not np.isfinite(row.mean):
+            return "–"
+        return f"{number(row.mean)} [{number(row.low)}, {number(row.high)}]"
+
+    lines = [
+        "| metric | " + " | ".join(labels.values()) + " |",
+        "| --- |" + " ---: |" * len(labels),
+        *(
+            f"| {head(metrics[metric])} | " + " | ".join(body(cells.get((method, metric))) for method in labels) + " |"
+            for metric in dict.fromkeys(row.metric for row in rows)
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _escape(text: str) -> str:
     for plain, escaped in (
         ("\\", r"\textbackslash "),
@@ -99,7 +132,7 @@ def _escape(text: str) -> str:
 
 
 def write_tables(run: RunView) -> list[Path]:
-    """Write ``tables/leaderboard-TASK-VARIANT.{csv,tex}`` for each task and variant; return their paths."""
+    """Write ``tables/leaderboard-TASK-VARIANT.{csv,tex,md}`` for each task and variant; return their paths."""
     folder = run.folder / "tables"
     folder.mkdir(exist_ok=True)
     written = []
@@ -114,5 +147,7 @@ def write_tables(run: RunView) -> list[Path]:
                 "(clustered bootstrap, actors and then their clips)."
             )
             tex.write_text(latex_leaderboard(table, caption=caption, label=f"tab:{stem}"), encoding="utf-8")
-            written += [csv, tex]
+            markdown = folder / f"{stem}.md"
+            markdown.write_text(markdown_leaderboard(table), encoding="utf-8")
+            written += [csv, tex, markdown]
     return written

@@ -12,18 +12,19 @@ if TYPE_CHECKING:
     from benchmark.runner.plan import Cell
 
 
-@click.command("compare")
+EXAMPLES = """\b
+Example:
+  python -m benchmark compare runs/before runs/after
+"""
+
+
+@click.command("compare", epilog=EXAMPLES)
 @click.argument("first", metavar="R1", type=click.Path(path_type=Path))
 @click.argument("second", metavar="R2", type=click.Path(path_type=Path))
 @click.option("--variant", type=click.Choice(["raw", "cleaned"]), default="raw", show_default=True, help="Which rows.")
 @click.option("--costs", is_flag=True, help="Compare time, memory and size too.")
 def compare(first: Path, second: Path, variant: str, costs: bool) -> None:
-    r"""Two runs side by side, with what differs between their settings, code, data and machines.
-
-    \b
-    Example:
-      python -m benchmark compare runs/before runs/after
-    """
+    """Two runs side by side, with what differs between their settings, code, data and machines."""
     from benchmark.commands.tables import make_console
     from benchmark.runner.run import ENVIRONMENT, read_run
     from benchmark.runner.store import read_json

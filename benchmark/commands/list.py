@@ -104,6 +104,8 @@ def _list_datasets(verbose: bool) -> None:
     cards = list_cards()
     width = max(len("folder:PATH"), *(len(card.id) for card in cards))
     for card in cards:
+        if card.id == "folder":
+            continue
         click.echo(f"{card.id:<{width}}  {card.summary}  ({card.licence.name})")
         if verbose:
             styles = ", ".join(card.styles)

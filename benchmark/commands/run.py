@@ -123,10 +123,6 @@ def _run(context: click.Context, prepared: Prepared, console: Console, *, quiet:
 
 def _report(outcome: Outcome, console: Console) -> Path | None:
     """Build the report; its failure is shown and leaves the run's results as they are."""
-    from importlib.util import find_spec
-
-    if find_spec("reports.build") is None:
-        return None
     page = outcome.folder / "report" / "index.html"
     if page.is_file() and not outcome.rebuilt:
         return page

@@ -7,8 +7,14 @@ from pathlib import Path
 
 import click
 
+EXAMPLES = """\b
+Examples:
+  python -m benchmark score runs/kg
+  python -m benchmark score runs/kg --metrics 'physics/*' --force
+"""
 
-@click.command("score")
+
+@click.command("score", epilog=EXAMPLES)
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option(
     "--metrics", multiple=True, help="Metrics to add to those of the run: names, patterns or 'all'; by commas."
@@ -20,14 +26,9 @@ import click
 def score(
     context: click.Context, folder: Path, metrics: tuple[str, ...], force: bool, jobs: int | None, quiet: bool
 ) -> None:
-    r"""Score the stored clips of a run.
+    """Score the stored clips of a run.
 
     Metrics whose code, version or settings changed since are computed again; nothing is fitted or transferred.
-
-    \b
-    Examples:
-      python -m benchmark score runs/kg
-      python -m benchmark score runs/kg --metrics 'physics/*' --force
     """
     from benchmark.commands.run import split_list
     from benchmark.commands.tables import leaderboard_tables, make_console

@@ -6,8 +6,13 @@ from pathlib import Path
 
 import click
 
+EXAMPLES = """\b
+Example:
+  python -m benchmark transfer --run runs/kg --method dynamic-scaling walk.bvh -o walk-child.bvh
+"""
 
-@click.command("transfer")
+
+@click.command("transfer", epilog=EXAMPLES)
 @click.argument("source", metavar="IN", type=click.Path(path_type=Path))
 @click.option("--run", "folder", required=True, type=click.Path(path_type=Path), help="The run folder.")
 @click.option("--method", "-m", required=True, help="A method of the run, as its tables call it.")
@@ -30,14 +35,10 @@ def transfer(
     clean: bool,
     seed: int,
 ) -> None:
-    r"""Apply a trained method of a run to your own clip.
+    """Apply a trained method of a run to your own clip.
 
     The clip is brought to the run's conventions first: metres, floor at 0, facing +Z, T-pose prefix removed, the run's
     frame rate.
-
-    \b
-    Example:
-      python -m benchmark transfer --run runs/kg --method dynamic-scaling walk.bvh -o walk-child.bvh
     """
     from benchmark.motion import bvh, canonical, footlock
     from benchmark.motion.roles import load_role_map

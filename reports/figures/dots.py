@@ -80,7 +80,7 @@ def dots(table: pd.DataFrame, *, real: str) -> Figure:
 
 
 def metric_dots(run: RunView) -> list[Drawing]:
-    """One page of panels for each task."""
+    """Every metric of every method as a dot with its interval, real performers as a line; one page for each task."""
     drawings = []
     for task in run.tasks:
         table = run.leaderboard(task, variant="raw")

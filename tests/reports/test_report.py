@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from benchmark.commands.report import figures
+from benchmark.commands.figures import figures
 from benchmark.errors import StoreError, UnknownNameError
 from reports.build import build_report, draw_figures
 from reports.run import RunView
@@ -88,6 +88,8 @@ def test_tables_for_papers(finished):
     tex = (finished / "tables" / "leaderboard-adult-to-child-raw.tex").read_text(encoding="utf-8")
     body = tex.split(r"\midrule")[1].split(r"\bottomrule")[0].strip().splitlines()
     assert len(body) == 3 and len({line.count(" & ") for line in body}) == 1
+    markdown = (finished / "tables" / "leaderboard-adult-to-child-raw.md").read_text(encoding="utf-8").splitlines()
+    assert len(markdown) == 2 + csv["metric"].nunique() and len({line.count("|") for line in markdown}) == 1
     assert tex.count("{") == tex.count("}") and "Synthetic data" in tex
 
 
