@@ -32,6 +32,9 @@ def dots(table: pd.DataFrame, *, real: str) -> Figure:
     real
         The method that stands for real performers; its mean is the green line of each panel.
     """
+    values = ["mean", "low", "high"]
+    # Rounding noise about zero would otherwise fill a panel.
+    table = table.assign(**table[values].mask(table[values].abs() < 1e-9, 0.0))
     metrics = list(dict.fromkeys(table["metric"]))
     methods = list(dict.fromkeys(table.loc[table["method"] != real, "method"]))
     labels = dict(zip(table["method"], table["label"], strict=True))
