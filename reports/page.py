@@ -72,7 +72,7 @@ def _board(run: RunView, task: str, variant: str) -> dict[str, Any]:
     how = "as each method returns them" if variant == "raw" else "after the same foot lock for every method"
     caption = (
         f"Means over clips, results {how}; in brackets 95 % intervals from resampling actors and then their clips. ↓ lower is "
-        "better, ↑ higher is better, → the value aimed at. The shaded row is the same metric on real performers of the "
+        "better, ↑ higher is better, → the value aimed at. The shaded row is the same metric on held-out performers of the "
         "target style. Hover over a value for n, or for why there is none."
     )
     return {"task": task.replace(":", " to "), "variant": variant, "columns": columns, "rows": rows, "caption": caption}

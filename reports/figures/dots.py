@@ -96,7 +96,7 @@ def metric_dots(run: RunView) -> list[Drawing]:
                 caption=(
                     f"{run.dataset_title}, {task.replace(':', ' to ')}, raw results: means over at most "
                     f"{int(table['n'].max())} test clips, with 95 % intervals from resampling actors and then their clips. "
-                    "Green: the same metric on real performers of the target style, where it can be had. Dashed: the value "
+                    "Green: the same metric on held-out performers of the target style, where it can be had. Dashed: the value "
                     "aimed at. An arrow says which way is better."
                 ),
                 data=table,

@@ -93,7 +93,7 @@ def pose_strips(run: RunView) -> list[Drawing]:
                     f"{run.dataset_title}: \u201c{facts['action'].replace('-', ' ')}\u201d by {who}, "
                     f"{source_style} to {target_style}. "
                     "One row for each method's raw result for the same source clip (the input is on the target's body); the "
-                    "last row is a real performer of the target style. Ten moments from the first frame to the last, with "
+                    "last row is a held-out performer of the target style. Ten moments from the first frame to the last, with "
                     "their times. Blue: left, orange: right."
                 ),
                 data=poses_table(rows),
