@@ -22,10 +22,10 @@ def number(value: float | None) -> str:
         return "–"
     if abs(value) < 1e-9:
         return "0"
-    if not 1e-4 <= abs(value) < 1e5:
+    if not 1e-4 <= abs(value) < 1e9:
         return f"{value:.2e}"
     digits = max(0, 2 - int(np.floor(np.log10(abs(value)))))
-    return f"{value:.{digits}f}"
+    return f"{value:,.{digits}f}"
 
 
 def short_name(metric: str) -> str:
