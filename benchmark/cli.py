@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import sys
 from collections.abc import Sequence
@@ -23,6 +24,19 @@ VERBS: dict[str, tuple[str, str]] = {
     "compare": ("benchmark.commands.compare:compare", "Two runs side by side, with what differs in their settings."),
     "new-method": ("benchmark.commands.new_method:new_method", "Write a plug-in package for a new method."),
     "check-method": ("benchmark.commands.check_method:check_method", "Run the conformance suite against a method."),
+}
+
+#: What the user can mend when a file or folder that was named cannot be read or written; other system errors are faults.
+PLACE_ERRORS = {
+    errno.EACCES: "change its permissions or choose another place",
+    errno.EPERM: "change its permissions or choose another place",
+    errno.EROFS: "choose a place that can be written to",
+    errno.ENOTDIR: "a file is where a folder should be: choose another place",
+    errno.EISDIR: "a folder is where a file should be: choose another name",
+    errno.EEXIST: "a file is where a folder should be: choose another place",
+    errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ENOSPC: "free some space and run the same command again",
+    errno.EDQUOT: "free some space and run the same command again",
 }
 
 EXAMPLES = """\b
@@ -107,6 +121,11 @@ def call(arguments: Sequence[str] | None = None) -> int:
     except BenchmarkError as error:
         click.echo(f"error: {error}", err=True)
         return error.exit_code
+    except OSError as error:
+        if error.errno not in PLACE_ERRORS or error.filename is None:
+            raise
+        click.echo(f"error: cannot use {error.filename}: {error.strerror}; {PLACE_ERRORS[error.errno]}", err=True)
+        return BenchmarkError.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         return 0

@@ -170,6 +170,8 @@ def load_config(
     user = _read_toml(file) if file is not None else {}
     preset = preset or user.get("preset")
     if preset is not None:
+        if not isinstance(preset, str):
+            raise ConfigError(f"{file}: preset: write the name of one ({', '.join(presets())}), not {preset!r}")
         if preset not in presets():
             raise UnknownNameError("preset", preset, presets())
         text = (resources.files("benchmark") / "presets" / f"{preset}.toml").read_text(encoding="utf-8")
@@ -250,7 +252,10 @@ def _check_names(layer: Mapping[str, Any], model: type[BaseModel], where: str, p
             error = UnknownNameError("setting", prefix + key, [prefix + name for name in model.model_fields])
             raise ConfigError(f"{where}: {error}")
         inner = field.annotation
-        if isinstance(inner, type) and issubclass(inner, BaseModel) and isinstance(value, Mapping):
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            if not isinstance(value, Mapping):
+                names = ", ".join(inner.model_fields)
+                raise ConfigError(f"{where}: {prefix}{key} is a table [{prefix}{key}] with {names}, not {value!r}")
             _check_names(value, inner, where, f"{prefix}{key}.")
 
 
@@ -258,7 +263,15 @@ def _explain(error: ValidationError, layers: Sequence[tuple[str, Mapping[str, An
     problems = []
     for problem in error.errors():
         location = problem["loc"]
-        where = next((name for name, layer in reversed(layers) if _holds(layer, location[:1])), "settings")
+        where = next(
+            (
+                name
+                for depth in range(len(location), 0, -1)
+                for name, layer in reversed(layers)
+                if _holds(layer, location[:depth])
+            ),
+            "settings",
+        )
         message = problem["msg"].removeprefix("Value error, ")
         problems.append(f"{where}: {'.'.join(map(str, location))}: {message} (got {problem['input']!r})")
     return "; ".join(problems)

@@ -13,7 +13,7 @@ import numpy as np
 from benchmark.errors import BenchmarkError
 from reports.drawing import SavedDrawing
 from reports.run import RunView
-from reports.tables import arrow, number, short_name
+from reports.tables import arrow, column_names, number
 
 
 def write_page(run: RunView, drawings: Sequence[SavedDrawing]) -> Path:
@@ -57,10 +57,11 @@ def _board(run: RunView, task: str, variant: str) -> dict[str, Any]:
         entries[entry.method, entry.metric] = entry
         first.setdefault(entry.metric, entry)
     columns = []
+    names = column_names(first)
     for metric in first:
         row = first[metric]
         unit = "" if row.unit in ("", "1") else row.unit
-        columns.append({"name": short_name(metric), "arrow": arrow(row.direction, row.target), "hint": unit})
+        columns.append({"name": names[metric], "arrow": arrow(row.direction, row.target), "hint": unit})
     rows = [
         {
             "label": run.label(method),
@@ -128,7 +129,9 @@ def _cells(run: RunView) -> list[dict[str, Any]]:
 
 
 def _holes(run: RunView) -> list[dict[str, Any]]:
-    rows = run.results[~run.results["metric"].str.startswith("cost/")]
+    rows = run.results
+    # Cells without any result are listed above, each with its reason.
+    rows = rows[~rows["metric"].str.startswith("cost/") & ~rows["cell_key"].isin(run.empty_cells)]
     totals = rows.groupby("metric").size()
     empty = rows[rows["status"] != "ok"]
     found = empty.groupby(["metric", "status", "reason"], sort=True).size().sort_values(ascending=False)
@@ -167,6 +170,18 @@ def _data_facts(run: RunView) -> list[tuple[str, str]]:
         ),
         ("data set digest", str(rows["dataset_digest"].iloc[0])),
     ]
+    fits = run.fit_residuals()
+    if fits:
+        median = float(np.median([fit["median"] for fit in fits.values()]))
+        worst = max(fits, key=lambda clip_id: fits[clip_id]["p95"])
+        facts.append(
+            (
+                "rigid fit",
+                f"the capture holds joint positions; rotations were fitted on rigid bones. Median distance of a joint to "
+                f"its measured place: {1e3 * median:.0f} mm over {len(fits)} test clips; worst clip {worst}, "
+                f"95th percentile {1e3 * fits[worst]['p95']:.0f} mm",
+            )
+        )
     return facts
 
 

@@ -79,6 +79,13 @@ class RunView:
         return list(dict.fromkeys(self.results["task"]))
 
     @cached_property
+    def empty_cells(self) -> frozenset[str]:
+        """Keys of the cells that did not end ``ok``; their rows hold the reason, once for each metric."""
+        rows = self.results
+        ended = rows[(rows["metric"] == "cost/fit_seconds") & (rows["status"] != "ok")]
+        return frozenset(ended["cell_key"])
+
+    @cached_property
     def dataset(self) -> str:
         """Id of the data set."""
         return str(self.results["dataset"].iloc[0])
@@ -133,7 +140,8 @@ class RunView:
             if row["task"] == task
         }
         rows = self.results
-        rows = rows[(rows["task"] == task) & (rows["variant"] == variant)]
+        # A cell that failed or was skipped has no variants; its reason stands in the table of each.
+        rows = rows[(rows["task"] == task) & ((rows["variant"] == variant) | rows["cell_key"].isin(self.empty_cells))]
         rows = rows[rows["metric"].str.startswith("cost/") == costs]
         order = {method: rank for rank, method in enumerate(self.methods(task))}
         table = []
@@ -208,6 +216,14 @@ class RunView:
         """Actor, action and whether the actor was seen in training, of one source clip."""
         row = self.results[self.results["clip_id"] == clip_id].iloc[0]
         return {name: row[name] for name in ("clip_id", "actor", "action", "seen_actor")}
+
+    def fit_residuals(self) -> dict[str, dict[str, float]]:
+        """Per source clip, median and 95th percentile distance in metres of joints to where they were measured.
+
+        Empty for captures that hold rotations.
+        """
+        items = [item for task in self.tasks for cell in self.cells(task) for item in cell.items]
+        return {item["clip_id"]: item["fit_residual"] for item in items if item.get("fit_residual")}
 
     def document(self, name: str) -> Any:
         """A JSON file of the run folder, or ``None`` if the run did not write it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,9 +30,11 @@ def number(value: float | None) -> str:
     return f"{value:,.{digits}f}"
 
 
-def short_name(metric: str) -> str:
-    """A metric without its group."""
-    return metric.partition("/")[2] or metric
+def column_names(metrics: Iterable[str]) -> dict[str, str]:
+    """What heads the column of each metric: the name without its group, with it where two groups share the name."""
+    short = {metric: metric.partition("/")[2] or metric for metric in metrics}
+    counts = Counter(short.values())
+    return {metric: name if counts[name] == 1 else metric for metric, name in short.items()}
 
 
 def arrow(direction: str, target: float | None) -> str:
@@ -54,12 +58,14 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
     methods = list(dict.fromkeys(row.method for row in rows))
     cells = {(row.method, row.metric): row for row in rows}
     first = {row.metric: row for row in reversed(rows)}
+    labels = {row.method: row.label for row in rows}
+    names = column_names(metrics)
 
     def head(metric: str) -> str:
         row = first[metric]
         sign = rf"$\to {row.target:g}$" if row.direction == "target" else _LATEX_ARROWS.get(row.direction, "")
         unit = "" if row.unit in ("", "1") else f" [{_escape(row.unit)}]"
-        return rf"\rotatebox{{60}}{{{_escape(short_name(metric))}{unit} {sign}}}"
+        return rf"\rotatebox{{60}}{{{_escape(names[metric])}{unit} {sign}}}"
 
     def body(method: str, metric: str) -> str:
         row = cells.get((method, metric))
@@ -77,7 +83,10 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
         r"\toprule",
         " & ".join(["method", *map(head, metrics)]) + r" \\",
         r"\midrule",
-        *(" & ".join([_escape(method), *(body(method, metric) for metric in metrics)]) + r" \\" for method in methods),
+        *(
+            " & ".join([_escape(labels[method]), *(body(method, metric) for metric in metrics)]) + r" \\"
+            for method in methods
+        ),
         r"\bottomrule",
         r"\end{tabular}",
         r"\end{table}",
@@ -121,11 +130,15 @@ def markdown_leaderboard(table: pd.DataFrame) -> str:
 def _escape(text: str) -> str:
     for plain, escaped in (
         ("\\", r"\textbackslash "),
+        ("{", r"\{"),
+        ("}", r"\}"),
         ("&", r"\&"),
         ("%", r"\%"),
         ("_", r"\_"),
         ("#", r"\#"),
         ("$", r"\$"),
+        ("^", r"\textasciicircum{}"),
+        ("~", r"\textasciitilde{}"),
     ):
         text = text.replace(plain, escaped)
     return text.replace("²", "$^2$").replace("³", "$^3$").replace("·", r"$\cdot$")

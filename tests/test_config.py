@@ -54,11 +54,14 @@ def test_every_preset_is_valid():
         ('variants = ["polished"]', r"variants"),
         ("limit = nan", r"limit"),
         ("= 3", r"mine\.toml"),
+        ("preset = 3", r"mine\.toml: preset: .*full, quick.*not 3"),
+        ('dataset = "kinder-gator"', r"mine\.toml: dataset is a table \[dataset\] with name.*'kinder-gator'"),
+        ("[split]\nprotocol = 3", r"mine\.toml: split\.protocol"),
     ],
 )
 def test_a_wrong_setting_names_file_and_field(settings, text, message):
     with pytest.raises(ConfigError, match=message):
-        load_config(file=settings(text))
+        load_config(file=settings(text), flags={"dataset": {"name": None}, "split": {"fold": None}})
 
 
 def test_a_wrong_flag_is_told_from_a_wrong_file(settings):

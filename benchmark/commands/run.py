@@ -166,7 +166,7 @@ def _show(outcome: Outcome, console: Console, report: Path | None, seconds: floa
 
 
 def split_list(texts: tuple[str, ...]) -> list[str] | None:
-    """Split at commas outside brackets; ``None`` for nothing, so that lower layers of the settings show through."""
+    """Split at commas outside brackets; ``None`` for no option, so that lower layers of the settings show through."""
     parts: list[str] = []
     for text in texts:
         depth, part = 0, ""
@@ -178,7 +178,8 @@ def split_list(texts: tuple[str, ...]) -> list[str] | None:
             else:
                 part += sign
         parts.append(part)
-    return [part.strip() for part in parts if part.strip()] or None
+    # An option with nothing in it, as of an unset shell variable, must not mean "all".
+    return [part.strip() for part in parts if part.strip()] if texts else None
 
 
 def _flags(options: dict[str, Any]) -> dict[str, Any]:

@@ -36,14 +36,18 @@ from benchmark.motion.units import UNITS, guess_unit
 
 Array = NDArray[np.float64]
 
-#: Largest file read unless told otherwise; memory needed is about four times the file.
+#: Largest file read unless told otherwise.
 MAX_BYTES = 1 << 30
+
+#: Bytes that the arrays made of a file may take per byte of the largest file read. Values of four characters and more stay
+#: below; rows of single digits, and joints without channels, which take no room in the file, do not.
+_EXPANSION = 4
 
 #: The hierarchy must end within this many bytes (some twenty thousand joints).
 MAX_HEADER_BYTES = 1 << 22
 
 _TYPICAL_CHAIN = 1.1
-_MOTION = re.compile(rb"^[ \t]*MOTION[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
+_MOTION = re.compile(rb"^[ \t]*MOTION[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
 _FRAMES = re.compile(rb"\s*frames\s*:?\s*(\S*)\s*", re.IGNORECASE)
 _FRAME_TIME = re.compile(rb"\s*frame[ \t]*time\s*:?\s*(\S*)\s*", re.IGNORECASE)
 
@@ -69,7 +73,8 @@ def load(
     role_map
         Role to joint name, over those that the joints' names tell.
     max_bytes
-        Larger files are refused before they are read.
+        Larger files are refused before they are read, and files whose arrays would take more than four times as much (of
+        this or of :data:`MAX_BYTES`, whichever is larger) before those are made.
 
     Returns
     -------
@@ -91,7 +96,8 @@ def load(
     text, size = _read_bytes(path, max_bytes)
     hierarchy, frames, frame_time, start, line, frames_line = _read_head(path, text, size)
     layout = ChannelLayout([node.channels or () for node in hierarchy.nodes])
-    values = _read_motion(path, text, start, size, hierarchy, layout, frames, line, frames_line)
+    memory = _EXPANSION * max(max_bytes, MAX_BYTES)
+    values = _read_motion(path, text, start, size, hierarchy, layout, frames, line, frames_line, memory)
     del text
     offsets = np.array([node.offset for node in hierarchy.nodes], dtype=np.float64)
     rest, moving = rest_offsets(layout, values, offsets)
@@ -225,6 +231,7 @@ def _read_motion(
     frames: int,
     line: int,
     frames_line: int,
+    memory: int,
 ) -> Array:
     columns = layout.columns
     if columns == 0:
@@ -235,6 +242,16 @@ def _read_motion(
             path,
             f"'Frames: {frames}' of {columns} values each, but the {size - start} bytes that follow hold {room} at most: "
             "the file is cut short or the count is wrong",
+            line=frames_line,
+        )
+    joints = len(hierarchy.nodes)
+    moving = 3 * joints if layout.positions.keys() - {0} else 0
+    needed = 8 * frames * (columns + 4 * joints + moving)
+    if needed > memory:
+        raise MotionFileError(
+            path,
+            f"'Frames: {frames}' of {joints} joints would take {needed} bytes of memory; the limit is {memory} "
+            f"({_EXPANSION} times max_bytes): split the file, or raise max_bytes",
             line=frames_line,
         )
     values = np.empty((frames, columns))

@@ -167,6 +167,8 @@ class Clock:
         How many times the recorder's clock was set back by more than that.
     longest_gap
         The longest time in seconds without a frame.
+    strays
+        How many single stamps were off by more than :data:`MAX_SWAP` while those around them were right.
     """
 
     order: NDArray[np.int64]
@@ -176,6 +178,7 @@ class Clock:
     swapped: int
     resets: int
     longest_gap: float
+    strays: int = 0
 
 
 def read(path: Path | str) -> KinectRecord:
@@ -306,7 +309,8 @@ def repair_clock(timestamps: Array) -> Clock:
     1. A stamp up to :data:`MAX_SWAP` seconds before the one above it belongs to a frame delivered out of order: rows are
        sorted by stamp, equal ones keeping their order.
     2. A stamp further back means that the clock was set back: rows keep their order and later stamps move on so that the
-       step becomes one median period.
+       step becomes one median period. Where a single stamp is wrong, those around it being no more than three periods
+       apart, it takes the middle between them instead.
     3. A step shorter than half a period cannot be the sensor's. It is spread evenly with the steps before it, as many as
        it takes for their mean to reach three quarters of a period; at the start of the file, where there are none left,
        each becomes one period and the first frames move back.
@@ -328,8 +332,15 @@ def repair_clock(timestamps: Array) -> Clock:
     period = float(np.median(steps[steps > 0.0]))
     backward = steps < 0.0
     resets = np.flatnonzero(steps < -MAX_SWAP)
+    strays = 0
     for at in resets:
-        stamps[at + 1 :] += stamps[at] + period - stamps[at + 1]
+        for lone in (at, at + 1):
+            if 0 < lone < len(stamps) - 1 and 0.0 <= stamps[lone + 1] - stamps[lone - 1] <= 3.0 * period:
+                stamps[lone] = 0.5 * (stamps[lone - 1] + stamps[lone + 1])
+                strays += 1
+                break
+        else:
+            stamps[at + 1 :] += stamps[at] + period - stamps[at + 1]
     order = np.argsort(stamps, kind="stable")
     steps = np.diff(stamps[order])
     longest_gap = float(steps.max())
@@ -343,7 +354,8 @@ def repair_clock(timestamps: Array) -> Clock:
         else:
             steps[first : at + 1] = steps[first : at + 1].mean()
     times = np.concatenate([[0.0], np.cumsum(steps)])
-    return Clock(order, times, period, int(late.sum()), int(backward.sum()) - len(resets), len(resets), longest_gap)
+    swapped = int(backward.sum()) - len(resets)
+    return Clock(order, times, period, int(late.sum()), swapped, len(resets) - strays, longest_gap, strays)
 
 
 def measure_skeleton(paths: Iterable[Path | str]) -> Skeleton:

@@ -139,12 +139,17 @@ def between(a: ArrayLike, b: ArrayLike) -> Array:
     b = np.where(usable, b / np.where(usable, nb, 1.0), [1.0, 0.0, 0.0])
     dot = np.sum(a * b, axis=-1, keepdims=True)
     q = normalize(np.concatenate([1.0 + dot, np.cross(a, b)], axis=-1))
-    opposite = dot < -1.0 + 1e-12
+    opposite = dot < -1.0 + 1e-6
     if np.any(opposite):
+        # Here 1 + dot and a x b are rounding noise; the sum of both directions is small and known to the last digit.
+        both = a + b
         least = np.eye(3)[np.argmin(np.abs(a), axis=-1)]
-        axis = np.cross(a, least)
+        axis = np.cross(a, both)
+        axis = np.where(np.linalg.norm(axis, axis=-1, keepdims=True) > 1e-15, axis, np.cross(a, least))
         axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
-        q = np.where(opposite, np.concatenate([np.zeros_like(dot), axis], axis=-1), q)
+        cos = 0.5 * np.linalg.norm(both, axis=-1, keepdims=True)
+        turn = np.concatenate([cos, np.sqrt(np.maximum(1.0 - cos * cos, 0.0)) * axis], axis=-1)
+        q = np.where(opposite, turn, q)
     return q
 
 

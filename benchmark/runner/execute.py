@@ -206,9 +206,21 @@ def _transfer(
         "variants": variants,
         "frames": len(result.clip),
         "transfer_seconds": seconds,
+        "fit_residual": fit_residual(source),
         "copied_from": result.copied_from,
         "diagnostics": dict(result.diagnostics),
     }
+
+
+def fit_residual(clip: MotionClip) -> dict[str, float] | None:
+    """How far measured joints are from the rigid skeleton fitted to them, metres: median and 95th percentile.
+
+    ``None`` for captures that hold rotations.
+    """
+    if clip.residual is None:
+        return None
+    median, high = np.percentile(clip.residual[:, 1:], [50.0, 95.0])
+    return {"median": float(median), "p95": float(high)}
 
 
 def _reference(job: CellJob, dataset: Dataset, task: StyleTask, item: EvalItem) -> MotionClip:

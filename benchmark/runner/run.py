@@ -21,7 +21,7 @@ from benchmark.runner.plan import Cell, make_plan
 from benchmark.runner.score import forget, missing_metrics
 from benchmark.runner.selection import MetricChoice, choose_methods, choose_metrics, importable
 from benchmark.runner.store import CellStatus, RunStore, read_json, write_json, write_text
-from benchmark.runner.views import REAL, build_views, views_are_current, views_digest
+from benchmark.runner.views import LEADERBOARD, MARK, REAL, RESULTS, build_views, views_are_current, views_digest
 
 CONFIG, PLAN, ENVIRONMENT = "config.toml", "plan.json", "environment.json"
 
@@ -301,6 +301,11 @@ def score(
         Compute the ``requests``, or all if there are none, again, not only those whose code changed.
     jobs
         Cells at a time; as in the run if ``None``.
+
+    Raises
+    ------
+    StoreError
+        If the folder is no run, is in use, or the data set has changed since: scores of two data sets must not mix.
     """
     config, cells = read_run(folder)
     named = config.dataset
@@ -319,8 +324,6 @@ def score(
         for cell in cells:
             if cell.fate != "run" or store.status(cell.key).state != "ok":
                 continue
-            place = store.cell(cell.key)
-            forget(place, again)
             path = split_path(folder, config.tasks, cell.task)
             job = CellJob(
                 cell,
@@ -334,16 +337,29 @@ def score(
                 False,
                 metric_jobs,
             )
-            if missing_metrics(place, metric_jobs):
+            if again or missing_metrics(store.cell(cell.key), metric_jobs):
                 work.append(job)
+        if work:
+            _check_same_data(folder, source.open(), work)
+        for job in work:
+            forget(store.cell(job.cell.key), again)
         return _work(folder, cells, config, work, metric_jobs, directions(chosen), observer)
+
+
+def _check_same_data(folder: Path, dataset: Dataset, work: Iterable[CellJob]) -> None:
+    for job in work:
+        if job.cell.dataset_digest != dataset.digest:
+            raise StoreError(
+                f"data set {dataset.id} is not the one that {folder} was run on: its digest is {dataset.digest[:12]}…, not "
+                f"{job.cell.dataset_digest[:12]}…. Restore its files, or run again"
+            )
 
 
 def read_run(folder: Path) -> tuple[RunConfig, tuple[Cell, ...]]:
     """Settings and plan of a run folder; a :class:`~benchmark.errors.StoreError` if it is none."""
     if not (folder / CONFIG).is_file():
         raise StoreError(f"{folder} is not a run folder: it has no {CONFIG}")
-    config = read_config(folder / CONFIG).model_copy(update={"out": folder})
+    config = _settings(folder).model_copy(update={"out": folder})
     try:
         cells = tuple(Cell(**cell) for cell in read_json(folder / PLAN)["cells"])
     except (KeyError, TypeError) as error:
@@ -386,16 +402,28 @@ def _check_folder(folder: Path, config: RunConfig) -> None:
         raise StoreError(f"{folder} is a file: choose another folder with --out")
     if not (folder / CONFIG).is_file():
         own = {".lock", "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
+        if RunStore(folder).cells.is_dir():  # a run whose settings were lost
+            own |= {PLAN, ENVIRONMENT, RESULTS, LEADERBOARD, MARK, "report", "figures", "tables", "stats"}
         others = sorted(path.name for path in folder.iterdir() if path.name not in own)
         if others:
             raise StoreError(
                 f"{folder} holds other things ({others[0]} …) and is no run folder: choose another with --out"
             )
         return
-    before = read_config(folder / CONFIG)
+    before = _settings(folder)
     for name, old, new in zip(IDENTITY, identity(before), identity(config), strict=True):
         if old != new:
             raise StoreError(f"{folder} is a run with {name} {old}, not {new}: choose another folder with --out")
+
+
+def _settings(folder: Path) -> RunConfig:
+    try:
+        return read_config(folder / CONFIG)
+    except ConfigError as error:
+        raise StoreError(
+            f"the settings of the run {folder} cannot be read: {error}. Mend {folder / CONFIG}, or remove it and give the "
+            "whole command of the run again: finished cells are kept"
+        ) from error
 
 
 def identity(config: RunConfig) -> tuple[str, str, str]:

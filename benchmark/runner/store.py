@@ -152,15 +152,22 @@ class RunStore:
         for path in [*self.folder.glob(".*.part"), *self.cells.glob(f"{key or '*'}/.*.part")]:
             path.unlink(missing_ok=True)
 
+    def _open_lock(self) -> IO[str]:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            return (self.folder / ".lock").open("a+", encoding="utf-8")
+        except OSError as error:
+            raise StoreError(
+                f"cannot write to the run folder {self.folder} ({error.strerror}): choose another with --out"
+            ) from error
+
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Hold the run folder; a second run in it ends with a :class:`~benchmark.errors.StoreError`.
+        """Hold the run folder; a second run in it, or a folder that cannot be written to, is a :class:`StoreError`.
 
         The operating system drops the lock with the process that held it, so a dead run never blocks the next.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
-        path = self.folder / ".lock"
-        with path.open("a+", encoding="utf-8") as file:
+        with self._open_lock() as file:
             if not _try_lock(file):
                 file.seek(0)
                 holder = file.read().strip() or "another process"

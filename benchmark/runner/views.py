@@ -10,7 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.digest import digest
+from benchmark.digest import digest, file_digest
+from benchmark.errors import StoreError
 from benchmark.runner.job import MetricJob
 from benchmark.runner.parquet import write_rows
 from benchmark.runner.plan import Cell
@@ -99,10 +100,16 @@ def views_digest(
 
 def views_are_current(folder: Path, state: str) -> bool:
     """Whether the views on disk were made of ``state``, the :func:`views_digest` of now."""
-    paths = [folder / RESULTS, folder / LEADERBOARD]
-    if not (folder / MARK).is_file() or not all(path.is_file() for path in paths):
+    if not all((folder / name).is_file() for name in (MARK, RESULTS, LEADERBOARD)):
         return False
-    return bool(read_json(folder / MARK) == {"state": state, "sizes": [path.stat().st_size for path in paths]})
+    try:
+        return bool(read_json(folder / MARK) == _mark(folder, state))
+    except StoreError:  # a damaged marker vouches for nothing
+        return False
+
+
+def _mark(folder: Path, state: str) -> dict[str, Any]:
+    return {"state": state, "files": {name: file_digest(folder / name) for name in (RESULTS, LEADERBOARD)}}
 
 
 def build_views(
@@ -120,10 +127,7 @@ def build_views(
     writer.writeheader()
     writer.writerows(leaderboard(rows, directions))
     write_text(folder / LEADERBOARD, text.getvalue())
-    state = views_digest(folder, cells, metrics, states)
-    write_json(
-        folder / MARK, {"state": state, "sizes": [(folder / name).stat().st_size for name in (RESULTS, LEADERBOARD)]}
-    )
+    write_json(folder / MARK, _mark(folder, views_digest(folder, cells, metrics, states)))
 
 
 def _state(cell: Cell, states: Mapping[str, CellStatus]) -> CellStatus:
@@ -273,7 +277,12 @@ def _sd(values: Sequence[float]) -> float | None:
 
 
 def read_leaderboard(folder: Path) -> list[Row]:
-    """The rows of ``leaderboard.csv``, numbers as numbers."""
+    """The rows of ``leaderboard.csv``, numbers as numbers; a :class:`StoreError` if the run has none yet."""
+    if not (folder / LEADERBOARD).is_file():
+        raise StoreError(
+            f"{folder / LEADERBOARD} is missing: finish the run, or restore its tables with "
+            f"`python -m benchmark score {folder}`"
+        )
     numbers = {"target", "mean", "sd", "real_mean"}
     counts = {"n", "skipped", "failed", "repetitions", "real_n"}
     with (folder / LEADERBOARD).open(encoding="utf-8", newline="") as file:

@@ -9,6 +9,9 @@ from benchmark.motion.clip import MotionClip
 from benchmark.motion.skeleton import CORE_ROLES
 from eval.metrics.shared import difference, over_references, per_clip, stride
 
+#: Jerk in leg/s^3 below which a clip stands still but for rounding; a person who stands as still as possible is far above.
+_STILL = 1e-6
+
 
 @per_clip
 def mean_jerk(clip: MotionClip) -> float:
@@ -41,8 +44,8 @@ class JerkRatio(Metric):
     )
 
     def compute(self, sample: Sample) -> float:
-        """The ratio; not applicable without references or to clips too short to have a third difference."""
+        """The ratio; not applicable without references that move or to clips too short to have a third difference."""
         real = over_references(sample, mean_jerk)
-        if real <= 0.0:
+        if real <= _STILL:
             raise NotApplicableError("the real target clips do not move")
         return mean_jerk(sample.clip) / real

@@ -151,6 +151,18 @@ class WritesToSource(Good):
         return result
 
 
+class WritesToBody(Good):
+    def transfer(self, source, task, *, rng):
+        if task.target_skeleton is not None:
+            offsets = task.target_skeleton.offsets
+            for array in (offsets.base, offsets):
+                if array is not None:
+                    array.flags.writeable = True
+            # The same each time, so that no other check sees it.
+            offsets[-1] = 0.3
+        return super().transfer(source, task, rng=rng)
+
+
 class Remembers(Good):
     calls: ClassVar[list] = []
 
@@ -158,6 +170,14 @@ class Remembers(Good):
         self.calls.append(1)
         clip = super().transfer(source, task, rng=rng).clip
         return TransferResult(clip.replace(root=clip.root + [0.0, 0.0, 0.001 * len(self.calls)]))
+
+
+class KeepsTheFirst(Good):
+    def transfer(self, source, task, *, rng):
+        if not hasattr(self, "height"):
+            self.height = float(source.root[:, 1].mean())
+        clip = super().transfer(source, task, rng=rng).clip
+        return TransferResult(clip.replace(root=clip.root + [0.0, 0.0, self.height]))
 
 
 class Secretive(Good):
@@ -182,6 +202,22 @@ class Forgets(Learner):
         method = cls()
         method.angle_ = 0.5
         return method
+
+
+class LearnsOnTheClass(Learner):
+    angle_ = 0.0
+
+    def fit(self, train, task, *, rng, ctx):
+        super().fit(train, task, rng=rng, ctx=ctx)
+        type(self).angle_ = vars(self).pop("angle_")
+        return self
+
+    def save(self, folder: Path) -> None:
+        folder.mkdir(parents=True)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        return cls()
 
 
 class SavesPickle(Learner):
@@ -223,12 +259,15 @@ FAULTS = [
     (BackwardClock, "transfer", "non-decreasing"),
     (NeedsToes, "required-roles", "left_toe"),
     (WritesToSource, "inputs-unchanged", "adult/adult3/walk_3"),
+    (WritesToBody, "inputs-unchanged", "task.target_skeleton"),
     (Remembers, "no-hidden-state", "keep nothing"),
+    (KeepsTheFirst, "no-hidden-state", "first transfer"),
     (Remembers, "same-seed", "two results"),
     (Secretive, "other-seed", "stochastic_transfer=True"),
     (Boasts, "other-seed", "declare it False"),
     (GlobalDraws, "global-random-state", "generator passed in"),
     (Forgets, "save-load", "another result"),
+    (LearnsOnTheClass, "save-load", "another result"),
     (SavesPickle, "save-load", "model.pkl"),
     (TakesUnpaired, "supervision", "without pairs"),
     (StumblesUnpaired, "supervision", "ZeroDivisionError"),

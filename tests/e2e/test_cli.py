@@ -54,6 +54,7 @@ def test_version(cli):
         (["score", "nowhere"], "error: nowhere is not a run folder"),
         (["compare", "a", "b"], "error: a is not a run folder"),
         (["rnu"], "Did you mean 'run'?"),
+        (["run", "--methods", ""], "error: the command line: methods"),
     ],
     ids=lambda value: "-".join(value[:2]) if isinstance(value, list) else "",
 )
@@ -62,6 +63,28 @@ def test_errors_are_one_line_and_name_the_fix(cli, arguments, message):
     assert message in run.stderr
     assert "Traceback" not in run.stderr
     assert run.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "arguments", [["data", "synthesize", "file/corpus"], ["data", "index", "synthetic", "--csv", "file/index.csv"]]
+)
+def test_a_place_that_cannot_be_written_to_is_named(cli, tmp_path, arguments):
+    (tmp_path / "file").write_text("x")
+    told = cli(*arguments, code=2).stderr
+    assert told.startswith("error: cannot use ") and "file" in told
+    assert "a file is where a folder should be: choose another place" in told
+    assert "Traceback" not in told
+
+
+def test_faults_of_the_suite_are_shown_in_full(monkeypatch):
+    from benchmark import cli
+
+    def fault(**_):
+        raise FileNotFoundError(2, "No such file or directory", "inner.bin")
+
+    monkeypatch.setattr(cli.cli, "main", fault)
+    with pytest.raises(FileNotFoundError, match=r"inner\.bin"):
+        cli.call(["run"])
 
 
 def test_the_whole_way_on_a_folder_of_files(cli, corpus, tmp_path):

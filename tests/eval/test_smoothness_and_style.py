@@ -80,6 +80,12 @@ def test_jerk_ratio_without_a_moving_reference() -> None:
     still = rocking(0.0, 1.0)
     with pytest.raises(NotApplicableError, match="do not move"):
         JerkRatio().compute(sample(walk(BODY), still))
+    # Retargeting and resampling hold a pose only to rounding, which a third difference multiplies.
+    noise = 1e-15 * np.random.default_rng(1).standard_normal(still.root.shape)
+    held = still.replace(root=still.root + noise)
+    assert 0.0 < mean_jerk(held) < 1e-6
+    with pytest.raises(NotApplicableError, match="do not move"):
+        JerkRatio().compute(sample(walk(BODY), held))
     with pytest.raises(NotApplicableError, match="no real child clip"):
         JerkRatio().compute(sample(walk(BODY)))
     with pytest.raises(NotApplicableError, match="jerk needs 7 frames"):

@@ -135,6 +135,7 @@ def test_role_map_names_joints(tmp_path: Path) -> None:
 
 VARIANTS = {
     "CRLF": lambda text: text.replace("\n", "\r\n"),
+    "CRLF converted twice": lambda text: text.replace("\n", "\r\r\n"),
     "CR": lambda text: text.replace("\n", "\r"),
     "BOM": lambda text: "\ufeff" + text,
     "tabs": lambda text: (

@@ -229,6 +229,17 @@ def test_junk(tmp_path: Path, content: bytes, message: str) -> None:
         bvh.load(put(tmp_path, content), unit="cm")
 
 
+def test_joints_without_channels_cannot_fill_the_memory(tmp_path: Path) -> None:
+    """A megabyte of rows of one digit, on joints that take no room in a row, is gigabytes of rotations."""
+    joints, frames = 400, 400_000
+    still = "".join(f"JOINT j{i}\n{{\nOFFSET 0 1 0\n}}\n" for i in range(joints))
+    head = f"HIERARCHY\nROOT r\n{{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{still}}}\n"
+    line = head.count("\n") + 2
+    path = put(tmp_path, f"{head}MOTION\nFrames: {frames}\nFrame Time: 0.01\n" + "1\n" * frames)
+    with pytest.raises(MotionFileError, match=f"line {line}: 'Frames: 400000' of 401 joints .* raise max_bytes"):
+        bvh.load(path)
+
+
 def test_one_endless_row(tmp_path: Path) -> None:
     head = GOOD.split("1 2 3")[0].replace("Frames: 3", "Frames: 1")
     with pytest.raises(MotionFileError, match="a row of 9 values was expected") as caught:

@@ -262,6 +262,17 @@ def test_clock_set_back_keeps_the_order_of_rows() -> None:
     np.testing.assert_allclose(clock.times, np.arange(20) / 30.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("off", [-5.0, -0.2, 0.3, 5.0])
+def test_a_single_wrong_stamp_moves_no_other_frame(off: float) -> None:
+    true = np.arange(30) / 30.0
+    stamps = true.copy()
+    stamps[12] += off
+    clock = repair_clock(stamps)
+    assert (clock.strays, clock.resets, clock.swapped) == (1, 0, 0)
+    assert clock.order.tolist() == list(range(30))
+    np.testing.assert_allclose(clock.times, true, atol=1e-12)
+
+
 def test_stopped_clock_is_refused(write: Write) -> None:
     with pytest.raises(ConfigError, match="never advance"):
         repair_clock(np.full(5, 3.0))

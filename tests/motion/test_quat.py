@@ -106,6 +106,17 @@ def test_between_opposite_directions_is_half_a_turn() -> None:
         np.testing.assert_allclose(quat.angle(quat.identity(), q), np.pi)
 
 
+@pytest.mark.parametrize("off", [1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12])
+def test_between_nearly_opposite_directions_is_exact(rng: np.random.Generator, off: float) -> None:
+    a = rng.normal(size=(40, 3))
+    a /= np.linalg.norm(a, axis=-1, keepdims=True)
+    aside = np.cross(a, rng.normal(size=(40, 3)))
+    b = -np.cos(off) * a + np.sin(off) * aside / np.linalg.norm(aside, axis=-1, keepdims=True)
+    q = quat.between(a, b)
+    np.testing.assert_allclose(quat.rotate(q, a), b, atol=2e-15)
+    np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1.0, atol=1e-15)
+
+
 def test_between_of_nothing_is_the_identity() -> None:
     np.testing.assert_array_equal(quat.between([0.0, 0, 0], [0.0, 1, 0]), quat.identity())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from html.parser import HTMLParser
 
 import numpy as np
@@ -90,6 +91,8 @@ def test_tables_for_papers(finished):
     assert len(body) == 3 and len({line.count(" & ") for line in body}) == 1
     markdown = (finished / "tables" / "leaderboard-adult-to-child-raw.md").read_text(encoding="utf-8").splitlines()
     assert len(markdown) == 2 + csv["metric"].nunique() and len({line.count("|") for line in markdown}) == 1
+    assert body[-1].startswith("held-out performer &")
+    assert "{content/pose-distance [deg]" in tex and "{truth/pose-distance [leg]" in tex
     assert tex.count("{") == tex.count("}") and "Synthetic data" in tex
 
 
@@ -106,6 +109,42 @@ def test_strip_numbers_are_joint_positions(finished):
     (_, clip), *_ = run.renderings("adult:child", run.showpiece("adult:child"))
     first = table[(table["row"] == "adult input") & (table["seconds"] == 0.0)]
     np.testing.assert_allclose(first[["x", "y", "z"]], clip.positions[0], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def with_holes(finished, tmp_path_factory):
+    """The finished run with one method that failed and one that was skipped, as the runner stores them."""
+    folder = tmp_path_factory.mktemp("holes") / "run"
+    shutil.copytree(finished, folder)
+    rows = pd.read_parquet(folder / "results.parquet")
+    own = rows[(rows["method"] == "identity") & (rows["variant"] == "raw")].drop_duplicates("metric")
+    added = [
+        own.assign(method=method, cell_key=method, status=status, reason=reason, clip_id="", value=np.nan)
+        for method, status, reason in (
+            ("raising", "failed", "ValueError: <planted> & 5% of_it ^2"),
+            ("needs-gpu", "skipped", "needs a GPU"),
+        )
+    ]
+    pd.concat([rows, *added]).to_parquet(folder / "results.parquet")
+    return folder
+
+
+def test_failed_and_skipped_methods_are_shown_with_their_reasons(with_holes):
+    page = Page(build_report(with_holes).read_text(encoding="utf-8"))
+    assert "failed : ValueError: <planted> & 5% of_it ^2" in page.text.replace("failed:", "failed :")
+    metrics = RunView(with_holes).leaderboard("adult:child")["metric"].nunique()
+    # Two tables, raw and cleaned, each with a row of dashes that say why.
+    titles = [cell.get("title", "") for cell in page.all("td")]
+    assert titles.count("needs a GPU") == 2 * metrics
+    assert titles.count("ValueError: <planted> & 5% of_it ^2") == 2 * metrics
+    holes = page.text.split("Metrics without a value")[1].split("config.toml")[0]
+    assert "needs a GPU" not in holes and "planted" not in holes
+    for variant in ("raw", "cleaned"):
+        stem = with_holes / "tables" / f"leaderboard-adult-to-child-{variant}"
+        for method in ("raising", "needs-gpu"):
+            assert f"{method} & -- & --" in stem.with_suffix(".tex").read_text(encoding="utf-8")
+            assert f" {method} |" in stem.with_suffix(".md").read_text(encoding="utf-8").splitlines()[0]
+    assert all((with_holes / "figures" / f"{name}-adult-to-child.png").is_file() for name in ("metrics", "pose-strip"))
 
 
 def test_unknown_figures_and_folders_are_refused(finished, tmp_path):

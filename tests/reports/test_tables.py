@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import pandas as pd
 import pytest
 
-from reports.tables import arrow, number
+from reports.tables import arrow, column_names, latex_leaderboard, number
 
 
 @pytest.mark.parametrize(
@@ -35,3 +36,15 @@ def test_arrow():
         "→ 1",
         "",
     ]
+
+
+def test_a_name_that_two_groups_share_keeps_its_group():
+    names = column_names(["content/pose-distance", "truth/pose-distance", "physics/jerk-ratio"])
+    assert list(names.values()) == ["content/pose-distance", "truth/pose-distance", "jerk-ratio"]
+
+
+def test_latex_escapes_what_it_would_read_as_a_command():
+    columns = ["method", "label", "metric", "unit", "direction", "target", "mean", "low", "high"]
+    row = ("a", "a", "b/c", "1", "lower", float("nan"), 1.0, 1.0, 1.0)
+    tex = latex_leaderboard(pd.DataFrame([row], columns=columns), caption="folder:~/a^b{c}_d", label="t")
+    assert r"\caption{folder:\textasciitilde{}/a\textasciicircum{}b\{c\}\_d}" in tex

@@ -87,3 +87,17 @@ def test_arrays_altered_after_the_clip_was_made_are_seen(source, task):
     rotations[2, 3] *= 2
     with pytest.raises(ContractError, match="not unit quaternions"):
         check_result(TransferResult(clip), source, task, KEEPS)
+
+
+def test_fit_residual_is_summed_up_in_metres():
+    import numpy as np
+
+    from benchmark.commands.conformance.figures import figure, walk
+    from benchmark.runner.execute import fit_residual
+
+    clip = walk(figure())
+    assert fit_residual(clip) is None
+    residual = np.zeros((len(clip), len(clip.skeleton)))
+    residual[:, 1:] = 0.02
+    residual[0, 1] = 0.5
+    assert fit_residual(clip.replace(residual=residual)) == {"median": 0.02, "p95": 0.02}

@@ -259,6 +259,25 @@ def test_a_folder_is_not_taken_over(make, go, tmp_path):
         go(make("copy", out=tmp_path / "home" / "letter.txt"))
 
 
+def test_a_run_whose_settings_were_spoiled_keeps_its_cells(make, go):
+    folder = go(make("copy")).folder
+    config = (folder / "config.toml").read_bytes()
+    (folder / "config.toml").write_text("jobs = [")
+    for attempt in (lambda: go(make("copy")), lambda: read_run(folder)):
+        with pytest.raises(StoreError, match=r"config\.toml.*remove it and give the whole command"):
+            attempt()
+    (folder / "config.toml").unlink()
+    outcome = go(make("copy"))
+    assert (outcome.executed, outcome.scored, outcome.cached) == (0, 0, 2)
+    assert (folder / "config.toml").read_bytes() == config
+
+
+def test_a_folder_that_cannot_be_made_is_named(make, go, tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(StoreError, match=r"cannot write to the run folder .*file.run.*--out"):
+        go(make("copy", out=tmp_path / "file" / "run"))
+
+
 def test_a_run_in_use_is_refused(make, go):
     from benchmark.runner.store import RunStore
 

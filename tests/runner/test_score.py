@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import pytest
 
+from benchmark.errors import StoreError
 from benchmark.registry import Registry
 from benchmark.runner.progress import Quiet
 from benchmark.runner.run import score
 from benchmark.runner.score import SCORES, SCORES_MARK
+from benchmark.runner.views import LEADERBOARD, MARK, read_leaderboard
 
 
 @pytest.fixture
@@ -87,6 +89,40 @@ def test_damaged_scores_are_computed_again(finished, metrics, results, name, how
     outcome = again(finished, metrics)
     assert (outcome.executed, outcome.scored) == (0, 1)
     assert results(finished) == before
+
+
+def test_scores_of_two_data_sets_do_not_mix(finished, metrics, monkeypatch, fakes):
+    marks = {path: path.read_bytes() for path in finished.glob(f"cells/*/{SCORES_MARK}")}
+    monkeypatch.setattr(fakes.Fake, "digest", property(lambda self: "f" * 64))
+    with pytest.raises(
+        StoreError, match=r"data set fake is not the one that .* was run on: its digest is ffffffffffff"
+    ):
+        again(finished, metrics, force=True)
+    assert {path: path.read_bytes() for path in finished.glob(f"cells/*/{SCORES_MARK}")} == marks
+    assert again(finished, metrics).scored == 0, "what needs no data set goes on"
+
+
+@pytest.mark.parametrize("name", ["results.parquet", "leaderboard.csv", MARK])
+def test_altered_views_are_rebuilt(finished, metrics, name):
+    content = (finished / name).read_bytes()
+    middle = len(content) // 2
+    (finished / name).write_bytes(content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
+    assert again(finished, metrics).rebuilt
+    assert (finished / name).read_bytes() == content
+
+
+def test_a_marker_that_is_no_json_vouches_for_nothing(finished, metrics):
+    (finished / MARK).write_text("{")
+    assert again(finished, metrics).rebuilt
+    assert not again(finished, metrics).rebuilt
+
+
+def test_a_run_without_tables_says_how_to_get_them(finished, metrics):
+    (finished / LEADERBOARD).unlink()
+    with pytest.raises(StoreError, match=r"leaderboard\.csv is missing: .*benchmark score"):
+        read_leaderboard(finished)
+    again(finished, metrics)
+    assert read_leaderboard(finished)
 
 
 @pytest.mark.parametrize("name", ["results.parquet", "leaderboard.csv"])
