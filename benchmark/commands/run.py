@@ -97,7 +97,7 @@ def run(context: click.Context, **options: Any) -> None:
         return
     outcome = _run(context, prepared, console, quiet=options["quiet"])
     report = None if options["no_report"] else _report(outcome, console)
-    _show(outcome, console, report, time.perf_counter() - start, quiet=options["quiet"])
+    show(outcome, console, report, time.perf_counter() - start, quiet=options["quiet"])
     if outcome.failures:
         context.exit(3)
 
@@ -140,14 +140,25 @@ def _report(outcome: Outcome, console: Console) -> Path | None:
     return built
 
 
-def _show(outcome: Outcome, console: Console, report: Path | None, seconds: float, *, quiet: bool) -> None:
+def show(outcome: Outcome, console: Console, report: Path | None, seconds: float, *, quiet: bool) -> None:
+    """Print how a run ended: the leaderboard, what was skipped or failed and why, and where the results are."""
+    from benchmark.runner.views import read_leaderboard
+
+    rows = read_leaderboard(outcome.folder)
     if not quiet:
         from benchmark.commands.tables import leaderboard_tables
-        from benchmark.runner.views import read_leaderboard
 
-        for table in leaderboard_tables(read_leaderboard(outcome.folder)):
+        for table in leaderboard_tables(rows):
             console.print(table)
             console.print()
+    ended = {cell.method for cell, _ in outcome.failures}
+    broken = sorted({row["metric"] for row in rows if row["failed"] and row["method"] not in ended})
+    if broken:
+        console.print(
+            f"metrics that failed on some clips: {', '.join(broken)}; results.parquet has the reasons",
+            markup=False,
+            soft_wrap=True,
+        )
     for what, cells in (("skipped", outcome.skips), ("failed", outcome.failures)):
         for cell, reason in cells:
             console.print(f"{what}: {cell.title}: {reason}", markup=False, soft_wrap=True)

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import io
 import json
 import os
 import time
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from benchmark.commands.run import show
 from benchmark.errors import ConfigError, StoreError
 from benchmark.motion import bvh, npz
 from benchmark.registry import Registry
@@ -373,5 +376,8 @@ def test_metrics_fail_alone(make, go, results):
     assert {row["reason"] for row in by_metric["test/crash"]} == {"scoring: the process was ended by SIGABRT"}
     for name in ("test/broken", "test/infinite", "test/crash"):
         assert {(row["status"], row["value"]) for row in by_metric[name]} == {("failed", None)}
+    told = io.StringIO()
+    show(outcome, Console(file=told, width=200), None, 1.0, quiet=True)
+    assert "metrics that failed on some clips: test/broken, test/crash, test/infinite" in told.getvalue()
     again = go(make("copy", metrics=metrics), metrics=metrics)
     assert (again.executed, again.scored) == (0, 2), "only the metric that crashed is tried again"
