@@ -75,7 +75,8 @@ def test_paper_protocol(grid, adults, children, actions, takes, n_train, seed, f
         assert any(r.action == record.action and r.take == record.take for r in references if r.actor in trained)
         assert any(r.action == record.action for r in references)
     combinations = [(dataset.record(i.clip_id).action, dataset.record(i.clip_id).take) for i in seen]
-    if n_train > 1:
+    # Three performers cannot each hold out another of two combinations.
+    if n_train > 1 and len(combinations) <= per_actor:
         assert len(set(combinations)) == len(combinations)
 
 
