@@ -156,10 +156,6 @@ class Registry:
             raise UnknownNameError(f"registered {self.kind}", name, self._registered)
         del self._registered[name]
 
-    def refresh(self) -> None:
-        """Look for installed packages again."""
-        self.__dict__.pop("_installed", None)
-
     @cached_property
     def _installed(self) -> dict[str, Entry]:
         entries: dict[str, Entry] = {}

@@ -62,7 +62,9 @@ class RunView:
         self.folder = folder
         for name in (RESULTS, LEADERBOARD):
             if not (folder / name).is_file():
-                raise StoreError(f"{folder} has no {name}: give the folder of a finished run, for example runs/default")
+                raise StoreError(
+                    f"{folder} has no {name}: give the folder of a finished run, for example runs/synthetic-adult-child"
+                )
 
     @cached_property
     def results(self) -> pd.DataFrame:

@@ -139,11 +139,6 @@ class RunStore:
                 (folder / "log.jsonl").write_text(log, encoding="utf-8")
             self.commit(key, folder, "failed", reason)
 
-    def discard(self, key: str) -> None:
-        """Remove a cell, so that it is run again."""
-        shutil.rmtree(self.cell(key), ignore_errors=True)
-        shutil.rmtree(self.work(key), ignore_errors=True)
-
     def sweep(self, key: str = "") -> None:
         """Remove what killed processes left half written, of one cell or of all. Only under the lock."""
         for pattern in (f".tmp-{key}*", f".old-{key}*"):

@@ -83,10 +83,6 @@ class StyleParameters:
     asymmetry: float = 0.02
     fidget: float = 1.0
 
-    def as_dict(self) -> dict[str, float]:
-        """Names and values."""
-        return asdict(self)
-
     def ratio(self, other: StyleParameters) -> dict[str, float]:
         """``self / other``, parameter by parameter, without those that are 0 in ``other``."""
         return {name: value / getattr(other, name) for name, value in asdict(self).items() if getattr(other, name)}
