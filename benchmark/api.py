@@ -208,11 +208,14 @@ class Method(ABC):
 
     @abstractmethod
     def fit(self, train: TrainView, task: StyleTask, *, rng: np.random.Generator, ctx: FitContext) -> Self:
-        """Learn from the training clips and return ``self``."""
+        """Learn from the training clips and return ``self``.
+
+        A :class:`NotApplicableError` says that there is nothing to learn from, and the cell is skipped.
+        """
 
     @abstractmethod
     def transfer(self, source: MotionClip, task: StyleTask, *, rng: np.random.Generator) -> TransferResult:
-        """Turn ``source`` into the target style."""
+        """Turn ``source`` into the target style; a :class:`NotApplicableError` skips this clip."""
 
     @classmethod
     def param_defaults(cls) -> dict[str, Any]:
@@ -331,7 +334,12 @@ class Sample:
 
 
 class NotApplicableError(Exception):
-    """Raised by a metric that has no value for a sample; the message is the reason stored with the skipped row."""
+    """Raised where something cannot be done for a reason that is no fault; the message is stored as the reason.
+
+    By a metric that has no value for a sample: that row is skipped. By :meth:`Method.transfer`, for a clip of a kind that the
+    method cannot transfer (an action it has not learned): that clip is skipped. By :meth:`Method.fit`, where the training clips
+    hold nothing to learn from: the cell is skipped.
+    """
 
 
 class Metric(ABC):

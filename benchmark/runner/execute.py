@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.api import Capabilities, FitContext, Method, StyleTask, Supervision, TrainView, TransferResult
+from benchmark.api import Capabilities, FitContext, Method, NotApplicableError, StyleTask, Supervision, TrainView, TransferResult
 from benchmark.data.base import Dataset
 from benchmark.data.views import EvalItem, eval_items, target_skeleton, train_view
 from benchmark.errors import BenchmarkError, ContractError
@@ -68,7 +68,7 @@ def execute_cell(job: CellJob, report: Report) -> None:
                 json.dumps(job.cell.to_json(), indent=1, sort_keys=True), encoding="utf-8"
             )
             store.commit(job.cell.key, folder, "ok", facts=facts)
-    except CellSkippedError as skipped:
+    except (CellSkippedError, NotApplicableError) as skipped:
         with store.writing(job.cell.key) as folder:
             (folder / "log.jsonl").write_text(log.text, encoding="utf-8")
             store.commit(job.cell.key, folder, "skipped", str(skipped))
@@ -121,7 +121,7 @@ def _run(job: CellJob, store: RunStore, folder: Path, log: _Log) -> dict[str, An
         log("transfer", index / len(items), item.record.clip_id, always=True)
         try:
             rows.append(_transfer(job, dataset, method, task, item, index, folder / OUTPUTS))
-        except CellSkippedError as skipped:
+        except (CellSkippedError, NotApplicableError) as skipped:
             rows.append({**_item_facts(item), "state": "skipped", "reason": str(skipped)})
         except Exception as error:
             error.add_note(f"while transferring clip {item.record.clip_id}")

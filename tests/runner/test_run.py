@@ -152,6 +152,16 @@ def test_skips_decided_in_the_cell(make, go, results):
     assert {(row["status"], row["value"]) for row in rows} == {("skipped", None)}
 
 
+def test_methods_say_themselves_what_they_cannot_do(make, go, results):
+    outcome = go(make("learnless", "choosy"))
+    found = states(outcome)
+    assert found["learnless"] == ("skipped", "the training clips hold no jump")
+    assert found["choosy"][0] == "ok"
+    rows = [row for row in results(outcome.folder) if row["method"] == "choosy" and row["metric"] == "test/height"]
+    assert {(row["action"] == "walk", row["status"]) for row in rows} == {(True, "skipped"), (False, "ok")}
+    assert {row["reason"] for row in rows if row["status"] == "skipped"} == {"walking was not learned"}
+
+
 def test_a_second_run_does_nothing(make, go):
     first = go(make("copy", "noisy"))
     stamps = {

@@ -273,6 +273,26 @@ class LongOnly(Copy):
     info = _info("long-only", min_frames=100)
 
 
+class Learnless(Copy):
+    """Finds nothing to learn from."""
+
+    info = _info("learnless")
+
+    def fit(self, train, task, *, rng, ctx):
+        raise NotApplicableError("the training clips hold no jump")
+
+
+class Choosy(Copy):
+    """Cannot transfer clips of one action."""
+
+    info = _info("choosy")
+
+    def transfer(self, source, task, *, rng):
+        if source.meta.action == "walk":
+            raise NotApplicableError("walking was not learned")
+        return super().transfer(source, task, rng=rng)
+
+
 class Checkpoints(Copy):
     """Counts in its work folder how often fit was begun."""
 
@@ -364,6 +384,8 @@ METHODS = {
         At120,
         NeedsToes,
         LongOnly,
+        Learnless,
+        Choosy,
         Checkpoints,
     )
 }
