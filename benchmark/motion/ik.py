@@ -90,6 +90,65 @@ def rotations_from_positions(skeleton: Skeleton, positions: ArrayLike) -> tuple[
     return rotations, root, residual
 
 
+def aim_bones(skeleton: Skeleton, rotations: ArrayLike, positions: ArrayLike) -> Array:
+    """Turn a posed skeleton's bones to where joint positions say they point, and keep everything else of the pose.
+
+    From the root to the leaves each joint is turned, in the world, by the smallest rotation that brings its bones onto the
+    wanted directions: the shortest arc for one bone, the least-squares rotation weighted by bone length for several. What
+    positions do not say, the twist of a limb and the rotations of joints at the ends of chains, stays that of ``rotations``.
+    For positions that a method has computed from a motion whose rotations are known; :func:`rotations_from_positions` is for
+    positions with no such motion behind them.
+
+    Parameters
+    ----------
+    skeleton
+        J joints with rest offsets in metres.
+    rotations
+        (T, J, 4) local rotations to start from.
+    positions
+        (T, J, 3) wanted joint positions in the world, in any unit: only directions between joints are used. A bone whose two
+        joints coincide keeps its direction relative to its parent.
+
+    Returns
+    -------
+    (T, J, 4) local unit quaternions, sign-continuous in time.
+
+    Raises
+    ------
+    ContractError
+        If the shapes do not belong together or a value is not finite.
+    """
+    given, wanted = np.asarray(rotations, dtype=np.float64), np.asarray(positions, dtype=np.float64)
+    frames, joints = len(given), len(skeleton)
+    for name, array, shape in (("rotations", given, (frames, joints, 4)), ("positions", wanted, (frames, joints, 3))):
+        if array.shape != shape:
+            raise ContractError(f"{name} must have shape {shape} on this skeleton, not {array.shape}")
+        if not np.all(np.isfinite(array)):
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            raise ContractError(f"{name} holds {array[where]} at index {where}")
+    aimed = given.copy()
+    world = quat.identity(frames, joints)
+    for joint in range(joints):
+        parent = int(skeleton.parents[joint])
+        above = world[:, parent] if parent >= 0 else quat.identity(frames)
+        turned = quat.mul(above, given[:, joint])
+        children = [child for child in skeleton.children(joint) if skeleton.bone_lengths[child] > _SHORTEST]
+        if children:
+            now = quat.rotate(turned[:, None], skeleton.offsets[children])
+            then = wanted[:, children] - wanted[:, joint, None]
+            then = np.where(np.linalg.norm(then, axis=-1, keepdims=True) > _SHORTEST, then, now)
+            lengths = skeleton.bone_lengths[children]
+            turn = (
+                quat.between(now[:, 0], then[:, 0])
+                if len(children) == 1
+                else match_directions(now, then, weights=np.broadcast_to(lengths, now.shape[:-1]))
+            )
+            turned = quat.mul(turn, turned)
+            aimed[:, joint] = quat.inv_mul(above, turned)
+        world[:, joint] = turned
+    return quat.normalize(quat.unroll(aimed))
+
+
 def match_directions(rest: ArrayLike, target: ArrayLike, *, weights: ArrayLike | None = None) -> Array:
     """The rotations that turn several directions onto others, in the least-squares sense.
 

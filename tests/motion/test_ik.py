@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from benchmark.errors import ContractError
 from benchmark.motion import quat
-from benchmark.motion.ik import FOLD_CONE, match_directions, rotations_from_positions
+from benchmark.motion.ik import FOLD_CONE, aim_bones, match_directions, rotations_from_positions
 from benchmark.motion.kinematics import fk
 from benchmark.motion.skeleton import Skeleton
 
@@ -235,3 +235,48 @@ def test_wahba_never_reflects(rng: np.random.Generator) -> None:
     found = match_directions(rest, rest * [-1.0, 1.0, 1.0])
     assert np.linalg.norm(found) == pytest.approx(1.0)
     assert np.linalg.det(quat.rotate(found, np.eye(3))) == pytest.approx(1.0)
+
+
+def test_aiming_at_where_bones_already_point_changes_nothing(rng: np.random.Generator) -> None:
+    rotations = wandering(rng, 60, len(FIGURE), 0.6)
+    _, positions = fk(FIGURE, rotations, rng.normal(size=(60, 3)))
+    # Only directions count: another size and place are the same wish.
+    aimed = aim_bones(FIGURE, rotations, 3.0 * positions + [1.0, 2.0, 3.0])
+    assert quat.angle(aimed, rotations).max() < 1e-6
+
+
+def test_aimed_bones_point_where_they_should_and_keep_their_twist(rng: np.random.Generator) -> None:
+    start, wish = wandering(rng, 60, len(ARM), 0.5), wandering(rng, 60, len(ARM), 0.5)
+    _, positions = fk(ARM, wish, np.zeros((60, 3)))
+    aimed = aim_bones(ARM, start, positions)
+    _, reached = fk(ARM, aimed, np.zeros((60, 3)))
+    assert np.abs(reached - positions).max() < 1e-9
+    world, _ = fk(ARM, aimed, np.zeros((60, 3)))
+    before, _ = fk(ARM, start, np.zeros((60, 3)))
+    bone = quat.rotate(before[:, 0], ARM.offsets[1])
+    # The shoulder has turned by the shortest arc: about an axis square to the bone.
+    turn = quat.log(quat.mul(world[:, 0], quat.inverse(before[:, 0])))
+    assert np.abs(np.einsum("ti,ti->t", turn, bone)).max() < 1e-9
+    # Ends of chains keep their own rotation.
+    np.testing.assert_allclose(quat.angle(aimed[:, 2], start[:, 2]), 0.0, atol=1e-7)
+
+
+def test_aiming_at_random_poses_of_a_body_meets_them(rng: np.random.Generator) -> None:
+    wish = wandering(rng, 80, len(FIGURE), 0.8)
+    _, positions = fk(FIGURE, wish, np.zeros((80, 3)))
+    aimed = aim_bones(FIGURE, wandering(rng, 80, len(FIGURE), 0.8), positions)
+    assert np.abs(fk(FIGURE, aimed, np.zeros((80, 3)))[1] - positions).max() < 1e-9
+
+
+def test_bones_of_no_wanted_length_stay_as_they_are(rng: np.random.Generator) -> None:
+    start = wandering(rng, 10, len(ARM), 0.5)
+    aimed = aim_bones(ARM, start, np.zeros((10, 3, 3)))
+    assert quat.angle(aimed, start).max() < 1e-9
+
+
+def test_aiming_refuses_what_does_not_fit() -> None:
+    rotations = quat.identity(4, 3)
+    with pytest.raises(ContractError, match=r"positions must have shape \(4, 3, 3\)"):
+        aim_bones(ARM, rotations, np.zeros((5, 3, 3)))
+    with pytest.raises(ContractError, match="nan at index"):
+        aim_bones(ARM, rotations, np.full((4, 3, 3), np.nan))
