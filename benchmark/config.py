@@ -13,7 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, field_validator
 
 from benchmark.errors import ConfigError, UnknownNameError
 
@@ -35,14 +35,35 @@ class DatasetConfig(_Strict):
     options: dict[str, Any] = {}
 
 
+def _kind(value: Any) -> str:
+    return "names" if isinstance(value, list | tuple) else "number"
+
+
+#: A number, or a list of names; told apart first, so that a wrong value is judged as one of the two and not as both.
+_SplitParameter = Annotated[
+    Annotated[float, Tag("number")] | Annotated[tuple[str, ...], Tag("names")], Discriminator(_kind)
+]
+
+
 class SplitConfig(_Strict):
-    """How the clips are divided; ``auto`` is the data set's own protocol, ``file`` takes a stored manifest instead."""
+    """How the clips are divided; ``auto`` is the data set's own protocol, ``file`` takes a stored manifest instead.
+
+    ``parameters`` are the protocol's own: numbers, or lists of names (:func:`benchmark.data.splits.make_split`).
+    """
 
     protocol: str = "auto"
     fold: Annotated[int, Field(ge=0)] = 0
     seed: int = 0
-    parameters: dict[str, float] = {}
+    parameters: dict[str, _SplitParameter] = {}
     file: Path | None = None
+
+    @field_validator("parameters")
+    @classmethod
+    def _check_parameters(cls, parameters: dict[str, Any]) -> dict[str, Any]:
+        for name in ("protocol", "fold", "seed", "file"):
+            if name in parameters:
+                raise ValueError(f"{name} is a setting of the split itself: write split.{name}")
+        return parameters
 
 
 class RunConfig(_Strict):

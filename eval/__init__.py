@@ -15,5 +15,12 @@ BUILTIN_METRICS: dict[str, str] = {
     "timing/duration-ratio": "eval.metrics.timing:DurationRatio",
     "style/speed-difference": "eval.metrics.style:SpeedDifference",
     "style/range-of-motion-difference": "eval.metrics.style:RangeOfMotionDifference",
+    "style/speed-ratio": "eval.metrics.style:SpeedRatio",
+    "style/range-of-motion-ratio": "eval.metrics.style:RangeOfMotionRatio",
+    "style/pose-distance": "eval.metrics.style:ReferenceDistance",
+    "jump/landing-knee-angle": "eval.metrics.jump:LandingKneeAngle",
+    "jump/arm-swing": "eval.metrics.jump:ArmSwing",
+    "jump/landing-duration": "eval.metrics.jump:LandingDuration",
+    "jump/recovery-duration": "eval.metrics.jump:RecoveryDuration",
     "truth/pose-distance": "eval.metrics.truth:TruthPoseDistance",
 }

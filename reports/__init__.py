@@ -6,4 +6,5 @@ from __future__ import annotations
 BUILTIN_FIGURES: dict[str, str] = {
     "metric-dots": "reports.figures.dots:metric_dots",
     "pose-strips": "reports.figures.strips:pose_strips",
+    "jump-landing": "reports.figures.jump:jump_landing",
 }

@@ -38,10 +38,12 @@ def draw_figures(folder: Path, only: Iterable[str] = ("all",)) -> list[SavedDraw
 
 def build_report(folder: Path) -> Path:
     """Draw all figures, write the tables and the page, and return the page's path."""
+    from reports.jumps import write_jump_tables
     from reports.page import write_page
     from reports.tables import write_tables
 
     drawings = draw_figures(folder)
     run = RunView(folder)
     write_tables(run)
+    write_jump_tables(run)
     return write_page(run, drawings)

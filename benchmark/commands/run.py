@@ -23,6 +23,7 @@ Examples:
   python -m benchmark run --methods 'dynamic-*,nearest' --dataset kinder-gator --task adult:child
   python -m benchmark run --methods 'nearest[shortlist=8]' --repetitions 5 --jobs 4 --time-limit 3600
   python -m benchmark run --config mine.toml --set nearest.coarse_fps=15 --dry-run
+  python -m benchmark run -d kinder-gator --split named --split-option 'train=["734", "723"]' --split-option 'test=["934"]'
 
 \b
 A run that was interrupted goes on when the same command is given again. Exit codes: 0 done, 2 an error in what was
@@ -43,7 +44,13 @@ asked for, 3 done but some cells failed, 130 interrupted.
 @click.option(
     "--task", "-t", multiple=True, metavar="SOURCE:TARGET", help="From which style to which; may be repeated."
 )
-@click.option("--split", "protocol", help="Split protocol: auto, paper, actors-kfold, take-block or action.")
+@click.option("--split", "protocol", help="Split protocol: auto, paper, actors-kfold, take-block, action or named.")
+@click.option(
+    "--split-option",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help='A parameter of the protocol, as folds=4 or train=["734", "723"]; may be repeated.',
+)
 @click.option("--fold", type=int, help="Fold of the split.")
 @click.option("--split-seed", type=int, help="Seed of the split.")
 @click.option("--split-file", type=click.Path(path_type=Path), help="A stored split to use instead.")
@@ -197,12 +204,15 @@ def _flags(options: dict[str, Any]) -> dict[str, Any]:
     from benchmark.config import parse_value
     from benchmark.errors import ConfigError
 
-    extra = {}
-    for text in options["data_option"]:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise ConfigError(f"--data-option {text!r}: write name=value")
-        extra[name.strip()] = parse_value(value.strip())
+    def assigned(option: str, texts: tuple[str, ...]) -> dict[str, Any] | None:
+        values = {}
+        for text in texts:
+            name, equals, value = text.partition("=")
+            if not equals:
+                raise ConfigError(f"{option} {text!r}: write name=value")
+            values[name.strip()] = parse_value(value.strip())
+        return values or None
+
     same = ("repetitions", "seed", "limit", "out", "jobs", "threads", "device", "backend", "overwrite", "time_limit")
     return {
         **{name: options[name] for name in same},
@@ -211,11 +221,16 @@ def _flags(options: dict[str, Any]) -> dict[str, Any]:
         "tasks": split_list(options["task"]),
         "force": split_list(options["force"]),
         "variants": split_list((options["variants"],)) if options["variants"] else None,
-        "dataset": {"name": options["dataset"], "root": options["root"], "options": extra or None},
+        "dataset": {
+            "name": options["dataset"],
+            "root": options["root"],
+            "options": assigned("--data-option", options["data_option"]),
+        },
         "split": {
             "protocol": options["protocol"],
             "fold": options["fold"],
             "seed": options["split_seed"],
+            "parameters": assigned("--split-option", options["split_option"]),
             "file": options["split_file"],
         },
     }

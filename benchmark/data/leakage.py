@@ -108,6 +108,21 @@ def _actors_apart(split: Split, sides: _Sides) -> str | None:
     return None
 
 
+def _as_named(split: Split, sides: _Sides) -> str | None:
+    """Every clip is on the side, and of an action, that the split's own parameters say."""
+    names = {name: value for name, value in split.parameters.items() if isinstance(value, tuple)}
+    for side, role in (("training", "train"), ("test", "test")):
+        for record in sides[side]:
+            if record.actor not in names.get(role, ()):
+                return f"{side} clip {record.clip_id!r} is by performer {record.actor!r}, whom the split does not name for it"
+    actions = names.get("actions", ())
+    for side, records in sides.items():
+        for record in records:
+            if actions and record.action not in actions:
+                return f"{side} clip {record.clip_id!r} is of action {record.action!r}, which the split does not name"
+    return _actors_apart(split, sides)
+
+
 def _references_apart(split: Split, sides: _Sides) -> str | None:
     """Of performers in training only held-out takes of the same style may be references."""
     trained: dict[str, set[str]] = defaultdict(set)
@@ -151,6 +166,7 @@ _PROTOCOL_CHECKS = {
     "actors-kfold": _actors_apart,
     "action": _actions_apart,
     "take-block": _blocks_whole,
+    "named": _as_named,
 }
 
 

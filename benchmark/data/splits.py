@@ -15,6 +15,11 @@ Protocols
     takes resemble each other.
 ``action``
     Actions are dealt into ``folds`` groups; the group ``fold`` is held out in both styles.
+``named``
+    For published experiments, which say who was recorded and not how they were drawn: all clips of the performers ``train``
+    train, in whichever of the two styles they are; the source clips of the performers ``test`` are transferred; the target
+    clips of all performers outside training are the references. ``actions`` narrows all three to the actions listed;
+    without it every action takes part. Nothing is drawn, so neither seed nor fold has a part in it.
 ``auto``
     The one that the data set's card names, or that suits the two styles.
 
@@ -41,6 +46,9 @@ from benchmark.digest import digest as json_digest
 from benchmark.errors import DataError, LeakageError, UnknownNameError
 
 FORMAT = 1
+
+#: A parameter of a protocol: a number, or names of performers or actions.
+Parameter = float | int | tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ class Split:
     test: tuple[TestItem, ...]
     references: tuple[str, ...]
     files: Mapping[str, str]
-    parameters: Mapping[str, float | int] = field(default_factory=dict)
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
 
     @cached_property
     def digest(self) -> str:
@@ -176,11 +184,12 @@ def make_split(
     dataset: Dataset,
     source_style: str,
     target_style: str,
+    /,
     *,
     protocol: str = "auto",
     fold: int = 0,
     seed: int = 0,
-    **parameters: float,
+    **parameters: float | Sequence[str],
 ) -> Split:
     """Split a data set for one task.
 
@@ -194,12 +203,16 @@ def make_split(
         Orders performers, actions and takes.
     parameters
         ``paper``: ``n_train=3``, ``n_unseen=1``, ``held_out=0.1``; ``actors-kfold`` and ``action``: ``folds`` (5 and 3, or
-        fewer where there are fewer performers or actions); ``take-block``: ``blocks=3``.
+        fewer where there are fewer performers or actions); ``take-block``: ``blocks=3``; ``named``: ``train`` and ``test``
+        (lists of performers) and ``actions=()`` (a list of actions, all where it is empty).
 
     Raises
     ------
     DataError
-        The data set has too few performers, takes or actions; the message says what there is and what would work.
+        The data set has too few performers, takes or actions; the message says what there is and what would work. Or a
+        parameter has no sensible value.
+    UnknownNameError
+        No such style, protocol, parameter, performer or action; the message suggests the nearest.
     LeakageError
         One recording lies in the data set under two names.
     """
@@ -218,7 +231,7 @@ def make_split(
     for name in parameters:
         if name not in defaults:
             raise UnknownNameError(f"parameter of protocol {protocol}", name, defaults)
-    chosen = {**defaults, **parameters}
+    chosen = {**defaults, **{name: _checked(protocol, name, value, defaults) for name, value in parameters.items()}}
     train, test, references, used = make(pool, chosen, fold, seed)
     if not test:
         raise DataError(f"protocol {protocol!r} leaves nothing to transfer in {dataset.id}; {pool.advice()}")
@@ -256,7 +269,8 @@ def available_protocols(dataset: Dataset, source_style: str, target_style: str) 
     return tuple(pool.possible())
 
 
-_Parts = tuple[list[ClipRecord], list[ClipRecord], list[ClipRecord], dict[str, float]]
+_Parts = tuple[list[ClipRecord], list[ClipRecord], list[ClipRecord], dict[str, Parameter]]
+_Parameters = Mapping[str, Parameter]
 
 
 class _Pool:
@@ -317,9 +331,9 @@ def _suited(pool: _Pool) -> tuple[str, dict[str, float]]:
     )
 
 
-def _paper(pool: _Pool, parameters: Mapping[str, float], fold: int, seed: int) -> _Parts:
+def _paper(pool: _Pool, parameters: _Parameters, fold: int, seed: int) -> _Parts:
     n_train, n_unseen = _count(parameters, "n_train", 1), _count(parameters, "n_unseen", 0)
-    held_out = float(parameters["held_out"])
+    held_out = float(_number(parameters, "held_out"))
     if not 0.0 <= held_out < 0.5:
         raise DataError(f"held_out must be at least 0 and below 0.5, not {held_out}")
     order = _ordering("paper", seed, fold)
@@ -400,7 +414,7 @@ def _held_out_pairs(
     return pairs
 
 
-def _actors_kfold(pool: _Pool, parameters: Mapping[str, float], fold: int, seed: int) -> _Parts:
+def _actors_kfold(pool: _Pool, parameters: _Parameters, fold: int, seed: int) -> _Parts:
     if pool.fewest_actors() < 2:
         raise DataError(f"protocol 'actors-kfold' needs two performers of each style in {pool.name}: {pool.advice()}")
     folds = _folds(parameters, 5, pool.fewest_actors(), fold, "performers of each style")
@@ -417,7 +431,7 @@ def _actors_kfold(pool: _Pool, parameters: Mapping[str, float], fold: int, seed:
     return train, test, references, {"folds": folds}
 
 
-def _take_block(pool: _Pool, parameters: Mapping[str, float], fold: int, seed: int) -> _Parts:
+def _take_block(pool: _Pool, parameters: _Parameters, fold: int, seed: int) -> _Parts:
     blocks = _count(parameters, "blocks", 2)
     if fold >= blocks:
         raise DataError(f"fold {fold} of protocol 'take-block' does not exist: there are blocks 0 to {blocks - 1}")
@@ -436,7 +450,7 @@ def _take_block(pool: _Pool, parameters: Mapping[str, float], fold: int, seed: i
     return train, test, references, {"blocks": blocks}
 
 
-def _action(pool: _Pool, parameters: Mapping[str, float], fold: int, seed: int) -> _Parts:
+def _action(pool: _Pool, parameters: _Parameters, fold: int, seed: int) -> _Parts:
     if len(pool.actions) < 2:
         raise DataError(f"protocol 'action' needs two actions that both styles have in {pool.name}: {pool.advice()}")
     folds = _folds(parameters, 3, len(pool.actions), fold, "actions in both styles")
@@ -448,24 +462,86 @@ def _action(pool: _Pool, parameters: Mapping[str, float], fold: int, seed: int) 
     return train, test, references, {"folds": folds}
 
 
-_PROTOCOLS: dict[str, tuple[Callable[[_Pool, Mapping[str, float], int, int], _Parts], dict[str, float]]] = {
+def _named(pool: _Pool, parameters: _Parameters, fold: int, seed: int) -> _Parts:
+    if fold:
+        raise DataError(
+            f"fold {fold} of protocol 'named' does not exist: it names its performers, so there is fold 0 only"
+        )
+    train_actors, test_actors, actions = (_names(parameters, name) for name in ("train", "test", "actions"))
+    performers = sorted({*pool.source_actors, *pool.target_actors})
+    for role, actors in (("train", train_actors), ("test", test_actors)):
+        if not actors:
+            raise DataError(
+                f"protocol 'named' needs the parameter {role!r}, a list of performers of {pool.name}: {', '.join(performers)}"
+            )
+        for actor in actors:
+            if actor not in performers:
+                raise UnknownNameError(f"performer of data set {pool.name}", actor, performers)
+    for actor in test_actors:
+        if actor in train_actors:
+            raise DataError(f"performer {actor!r} is named under both 'train' and 'test': who trains cannot be tested")
+    there = sorted({record.action for record in pool.records})
+    for action in actions:
+        if action not in there:
+            raise UnknownNameError(f"action of data set {pool.name}", action, there)
+    records = [record for record in pool.records if not actions or record.action in actions]
+    train = [record for record in records if record.actor in train_actors]
+    test = [record for record in records if record.actor in test_actors and record.style == pool.source_style]
+    references = [
+        record for record in records if record.actor not in train_actors and record.style == pool.target_style
+    ]
+    either = f"{pool.source_style!r} or {pool.target_style!r}"
+    for actors, side, style in ((train_actors, train, either), (test_actors, test, repr(pool.source_style))):
+        for actor in actors:
+            if not any(record.actor == actor for record in side):
+                of_actions = f" of {', '.join(actions)}" if actions else ""
+                raise DataError(f"performer {actor!r} has no clip in style {style}{of_actions} in {pool.name}")
+    used: dict[str, Parameter] = {"train": train_actors, "test": test_actors, "actions": actions}
+    return train, test, references, used
+
+
+_PROTOCOLS: dict[str, tuple[Callable[[_Pool, _Parameters, int, int], _Parts], dict[str, Parameter]]] = {
     "paper": (_paper, {"n_train": 3, "n_unseen": 1, "held_out": 0.1}),
     "actors-kfold": (_actors_kfold, {"folds": 0}),
     "take-block": (_take_block, {"blocks": 3}),
     "action": (_action, {"folds": 0}),
+    "named": (_named, {"train": (), "test": (), "actions": ()}),
 }
 
 PROTOCOLS: tuple[str, ...] = (*_PROTOCOLS, "auto")
 
 
-def _count(parameters: Mapping[str, float], name: str, least: int) -> int:
+def _checked(protocol: str, name: str, value: float | Sequence[str], defaults: _Parameters) -> Parameter:
+    """``value``, if it is of the kind that the parameter takes: a number, or a list of names as a tuple."""
+    takes_names = isinstance(defaults[name], tuple)
+    if takes_names and isinstance(value, list | tuple) and all(isinstance(item, str) for item in value):
+        return tuple(value)
+    if not takes_names and isinstance(value, int | float):
+        return value
+    wanted = f'a list of names, for example {name} = ["one", "two"]' if takes_names else "a number"
+    raise DataError(f"parameter {name!r} of protocol {protocol!r} must be {wanted}, not {value!r}")
+
+
+def _number(parameters: _Parameters, name: str) -> float:
     value = parameters[name]
+    assert not isinstance(value, tuple), name
+    return value
+
+
+def _names(parameters: _Parameters, name: str) -> tuple[str, ...]:
+    value = parameters[name]
+    assert isinstance(value, tuple), name
+    return tuple(sorted(set(value)))
+
+
+def _count(parameters: _Parameters, name: str, least: int) -> int:
+    value = _number(parameters, name)
     if value != int(value) or value < least:
         raise DataError(f"{name} must be a whole number of at least {least}, not {value}")
     return int(value)
 
 
-def _folds(parameters: Mapping[str, float], usual: int, most: int, fold: int, what: str) -> int:
+def _folds(parameters: _Parameters, usual: int, most: int, fold: int, what: str) -> int:
     folds = _count(parameters, "folds", 0) or min(usual, most)
     if not 2 <= folds <= most:
         raise DataError(f"folds must be between 2 and {most}, the number of {what}, not {folds}")

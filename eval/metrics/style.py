@@ -8,7 +8,11 @@ from benchmark.api import Metric, MetricInfo, NotApplicableError, Sample
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.pose import SEGMENTS, segment_directions
 from benchmark.motion.skeleton import CORE_ROLES, SIDES
+from eval.metrics.poses import aligned_distance
 from eval.metrics.shared import difference, over_references, per_clip, references, speed_unit, stride
+
+#: Dimensionless mean speed, and mean range of motion in degrees, below which a clip is no measure of anything.
+_STILL, _RIGID = 1e-3, 1.0
 
 _HINGES = (("shoulder", "elbow"), ("hip", "knee"))
 
@@ -88,3 +92,85 @@ class RangeOfMotionDifference(Metric):
         ours = ranges_of_motion(sample.clip)
         theirs = [ranges_of_motion(clip) for clip in references(sample)]
         return float(np.mean([abs(ours[name] - np.median([each[name] for each in theirs])) for name in ours]))
+
+
+class SpeedRatio(Metric):
+    """Mean joint speed over ``sqrt(g leg)``, divided by the median of real target clips of the same action.
+
+    Unlike the absolute difference it keeps the sign, so that over many clips the differences between individual performers
+    cancel and what is left is the difference between the styles.
+    """
+
+    info = MetricInfo(
+        name="style/speed-ratio",
+        summary="mean dimensionless joint speed over that of real target motion",
+        unit="1",
+        direction="target",
+        target=1.0,
+        needs="reference",
+        code_deps=("eval.metrics.poses", "eval.metrics.shared"),
+    )
+
+    def compute(self, sample: Sample) -> float:
+        """The ratio; not applicable where the real clips stand still."""
+        theirs = over_references(sample, mean_speed)
+        if theirs < _STILL:
+            raise NotApplicableError("the real target clips of this action hardly move")
+        return mean_speed(sample.clip) / theirs
+
+
+class RangeOfMotionRatio(Metric):
+    """Mean range of motion over the joints, divided by the median of real target clips of the same action.
+
+    See :func:`ranges_of_motion`; keeps the sign, as :class:`SpeedRatio` does.
+    """
+
+    info = MetricInfo(
+        name="style/range-of-motion-ratio",
+        summary="mean joint range of motion over that of real target motion",
+        unit="1",
+        direction="target",
+        target=1.0,
+        needs="reference",
+        code_deps=("benchmark.motion.pose", "benchmark.motion.canonical", "eval.metrics.poses", "eval.metrics.shared"),
+    )
+
+    def compute(self, sample: Sample) -> float:
+        """The ratio; not applicable where the real clips stand still."""
+        theirs = over_references(sample, _mean_range)
+        if theirs < _RIGID:
+            raise NotApplicableError("the real target clips of this action hardly bend a joint")
+        return _mean_range(sample.clip) / theirs
+
+
+class ReferenceDistance(Metric):
+    """Median over real target clips of the same action of the mean joint distance after time alignment, leg lengths.
+
+    See :func:`eval.metrics.poses.aligned_distance`. Real performers differ from one another, so it is not 0 even for a real
+    one: read it beside the row of real performers. It is least for motion in the middle of all performers and grows with
+    everything individual, style included: a large value with the right range and speed is a lively child, not a failure.
+    """
+
+    info = MetricInfo(
+        name="style/pose-distance",
+        summary="mean joint distance to real target motion of the same action after time alignment",
+        unit="leg",
+        direction="lower",
+        needs="reference",
+        code_deps=(
+            "benchmark.motion.dtw",
+            "benchmark.motion.pose",
+            "benchmark.motion.canonical",
+            "benchmark.motion.retarget",
+            "eval.metrics.poses",
+            "eval.metrics.shared",
+        ),
+    )
+
+    def compute(self, sample: Sample) -> float:
+        """The distance in leg lengths."""
+        return float(np.median([aligned_distance(sample.clip, clip) for clip in references(sample)]))
+
+
+def _mean_range(clip: MotionClip) -> float:
+    return float(np.mean(list(ranges_of_motion(clip).values())))

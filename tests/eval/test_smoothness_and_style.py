@@ -14,7 +14,15 @@ from benchmark.motion.contacts import GRAVITY
 from benchmark.motion.resample import resample
 from eval.metrics.shared import STEP, difference, over_references, per_clip
 from eval.metrics.smoothness import JerkRatio, mean_jerk
-from eval.metrics.style import RangeOfMotionDifference, SpeedDifference, mean_speed, ranges_of_motion
+from eval.metrics.style import (
+    RangeOfMotionDifference,
+    RangeOfMotionRatio,
+    ReferenceDistance,
+    SpeedDifference,
+    SpeedRatio,
+    mean_speed,
+    ranges_of_motion,
+)
 
 BODY = figure(0.8)
 
@@ -204,3 +212,33 @@ def test_differences_are_derivatives(order: int, expected: float, fps: float) ->
 
 def test_wave_is_faster_with_a_larger_swing() -> None:
     assert mean_speed(wave(BODY, swing=0.8)) > mean_speed(wave(BODY, swing=0.4))
+
+
+def test_ratios_keep_the_sign() -> None:
+    slow, fast = rocking(0.1, 1.0), rocking(0.2, 1.0)
+    assert SpeedRatio().compute(sample(fast, slow)) == pytest.approx(2.0)
+    assert SpeedRatio().compute(sample(slow, fast)) == pytest.approx(0.5)
+    small, large = bending(15.0), bending(30.0)
+    # Both elbows and shoulders, hips and knees, and the trunk: only one elbow moves.
+    assert RangeOfMotionRatio().compute(sample(large, small)) == pytest.approx(2.0, rel=1e-3)
+    assert RangeOfMotionRatio().compute(sample(small, large)) == pytest.approx(0.5, rel=1e-3)
+
+
+def test_ratios_need_a_reference_that_moves() -> None:
+    still = rocking(0.0, 1.0)
+    for metric in (SpeedRatio(), RangeOfMotionRatio()):
+        with pytest.raises(NotApplicableError, match="hardly"):
+            metric.compute(sample(still, still))
+
+
+def test_distance_to_real_clips_is_the_median_and_free_of_size_place_and_tempo() -> None:
+    clip = walk(BODY)
+    larger = walk(figure(0.9, trunk=0.5625, head=0.28125, arm=0.61875))
+    assert ReferenceDistance().compute(sample(clip, clip)) == pytest.approx(0.0, abs=1e-6)
+    moved = clip.replace(root=clip.root + [3.0, 0.0, 1.0])
+    assert ReferenceDistance().compute(sample(moved, clip)) == pytest.approx(0.0, abs=1e-6)
+    assert ReferenceDistance().compute(sample(clip, larger)) < 0.02
+    bent, more = bending(15.0), bending(30.0)
+    single = ReferenceDistance().compute(sample(bending(0.0), more))
+    assert single > ReferenceDistance().compute(sample(bent, more)) > 0.0
+    assert ReferenceDistance().compute(sample(bent, bent, more, bent)) == pytest.approx(0.0, abs=1e-6)

@@ -48,7 +48,8 @@ def test_page_stands_alone(page, finished):
     outside = [a for _, attributes in page.elements for k, a in attributes.items() if k in ("src", "href")]
     assert outside and not any(re.match(r"(https?:)?//", link) for link in outside)
     images = page.all("img")
-    assert len(images) == 2
+    # Metrics, pose strips, and the landing of the jump that is one of the two clips.
+    assert len(images) == 3
     assert all(image["src"].startswith("data:image/png;base64,") and len(image["alt"]) > 40 for image in images)
     for link in page.all("a"):
         assert (finished / "report" / link["href"]).resolve().is_file(), link

@@ -1,4 +1,4 @@
-"""Two small figures that walk and wave, and a training view of them: enough to find out what a method does.
+"""Two small figures that walk, wave and jump, and a training view of them: enough to find out what a method does.
 
 They are no data set (that is ``synthetic``): a few clips made from sines in milliseconds, an adult and a child of other
 proportions, whose feet neither slide nor sink.
@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from benchmark.motion import quat
 from benchmark.motion.canonical import foot_points
 from benchmark.motion.clip import ClipMeta, MotionClip
+from benchmark.motion.contacts import GRAVITY
 from benchmark.motion.skeleton import SIDES, EndSite, Skeleton
 
 FPS = 60.0
 ADULT, CHILD = "adult", "child"
+#: What the training view holds, and what metrics are tried on: some measure nothing but jumps.
 ACTIONS = ("walk", "wave")
+MEASURED_ACTIONS = (*ACTIONS, "jump")
 
 _X, _Y, _Z = np.eye(3)
 
@@ -118,8 +121,45 @@ def wave(
     return _planted(skeleton, rotations, fps, np.zeros(frames, dtype=int))
 
 
+def jump(
+    skeleton: Skeleton,
+    *,
+    seconds: float = 3.0,
+    fps: float = FPS,
+    tempo: float = 0.9,
+    swing: float = 0.4,
+    phase: float = 0.0,
+    arms: float = 1.35,
+) -> MotionClip:
+    """One jump in place: a crouch, a flight under gravity and a landing, each quicker for a higher ``tempo``.
+
+    The knees bend by 4 ``swing`` before and by 2.5 ``swing`` after the flight, the arms swing by 2 ``swing`` radians.
+    """
+    frames = round(seconds * fps)
+    t = np.arange(frames) / fps
+    start = 0.25 + 0.05 * phase
+    crouch, air, landing = 0.5 / tempo, 0.32 / tempo, 0.45 / tempo
+    take_off, down = start + crouch, start + crouch + air
+
+    def bump(begin: float, length: float) -> NDArray[np.float64]:
+        return 0.5 - 0.5 * np.cos(2.0 * np.pi * np.clip((t - begin) / length, 0.0, 1.0))
+
+    rotations = _at_ease(skeleton, frames, arms)
+    knee = 4.0 * swing * bump(start, crouch) + 2.5 * swing * bump(down, landing)
+    for side in SIDES:
+        _turn(rotations, skeleton, f"{side}_hip", _X, -0.5 * knee)
+        _turn(rotations, skeleton, f"{side}_knee", _X, knee)
+        _turn(rotations, skeleton, f"{side}_ankle", _X, -0.5 * knee)
+        lifted = -2.0 * swing * bump(start + 0.5 * crouch, crouch + air)
+        _turn(rotations, skeleton, f"{side}_shoulder", _X, lifted, before=True)
+    standing = _planted(skeleton, rotations, fps, np.zeros(frames, dtype=int))
+    since = np.clip(t - take_off, 0.0, air)
+    height = 0.5 * GRAVITY * since * (air - since)
+    return standing.replace(root=standing.root + height[:, None] * _Y)
+
+
 def perform(action: str, style: str, take: int, *, fps: float = FPS, roles: str = "all") -> MotionClip:
-    """A take of one of :data:`ACTIONS` by an adult or a child, who is smaller, quicker, and swings and spreads further."""
+    """A take of a :data:`MEASURED_ACTIONS` by an adult or a child, who is smaller, quicker, and swings and spreads further."""
     child = style == CHILD
     # Takes are by different performers, so that a target skeleton and a reference are never the same body.
     grown = 1.0 + 0.02 * take
@@ -127,7 +167,7 @@ def perform(action: str, style: str, take: int, *, fps: float = FPS, roles: str 
         body = figure(0.52 * grown, trunk=0.38, head=0.22, arm=0.36, roles=roles)
     else:
         body = figure(0.82 * grown, trunk=0.52, head=0.25, arm=0.58, roles=roles)
-    move = {"walk": walk, "wave": wave}[action]
+    move = {"walk": walk, "wave": wave, "jump": jump}[action]
     clip = move(
         body,
         seconds=2.5 + 0.2 * take,

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from benchmark.api import Metric, MetricInfo, NotApplicableError, Sample, StyleTask
-from benchmark.commands.conformance.figures import ACTIONS, ADULT, CHILD, perform
+from benchmark.commands.conformance.figures import ADULT, CHILD, MEASURED_ACTIONS, perform
 from benchmark.commands.conformance.methods import fingerprint
 from benchmark.commands.conformance.outcome import (
     Check,
@@ -36,7 +36,7 @@ class MetricBench:
     @cached_property
     def samples(self) -> tuple[Sample, ...]:
         """An adult's clip of each action put on a child's body, with references and truth."""
-        return tuple(sample_of(action) for action in ACTIONS)
+        return tuple(sample_of(action) for action in MEASURED_ACTIONS)
 
     def value(self, *samples: Sample) -> float:
         """The value for one sample, or for all in a set."""
@@ -102,7 +102,7 @@ def _info(bench: MetricBench) -> None:
 
 def _finite(bench: MetricBench) -> None:
     values = bench.values(bench.samples)
-    require(bool(values), "it has no value for plain walking and waving: it raises NotApplicableError for both")
+    require(bool(values), "it has no value for plain walking, waving and jumping: it raises NotApplicableError for all")
     for value in values:
         require(isinstance(value, float), f"it returned a {type(value).__name__}: return a float")
         require(bool(np.isfinite(value)), f"it returned {value}: raise NotApplicableError where there is no value")
@@ -119,7 +119,7 @@ def _short(bench: MetricBench) -> None:
 
 
 def _repeatable(bench: MetricBench) -> None:
-    first, second = bench.values(bench.samples), bench.values(tuple(sample_of(action) for action in ACTIONS))
+    first, second = bench.values(bench.samples), bench.values(tuple(sample_of(action) for action in MEASURED_ACTIONS))
     require(first == second, "the same sample gives two values")
 
 
@@ -168,7 +168,7 @@ def _sign_flip(bench: MetricBench) -> None:
 
 
 def _place_and_facing(bench: MetricBench) -> None:
-    if bench.metric.info.name.startswith(("physics/", "content/", "timing/", "style/", "truth/")):
+    if bench.metric.info.name.startswith(("physics/", "content/", "timing/", "style/", "jump/", "truth/")):
         _agree(bench, _altered(bench.samples, _placed), "where the figure stands and faces changes the value", 1e-6)
         return
     raise NotConcernedError("only the suite's own groups promise not to depend on place and facing")

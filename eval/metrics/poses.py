@@ -1,0 +1,36 @@
+"""How far apart the poses of two performances are, apart from where, when, how large and which way they face."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.motion.clip import MotionClip
+from benchmark.motion.dtw import dtw_from_costs
+from benchmark.motion.pose import pose_positions
+from benchmark.motion.retarget import retarget
+from eval.metrics.shared import per_clip, stride
+
+
+def aligned_distance(clip: MotionClip, other: MotionClip) -> float:
+    """Mean joint distance along the dynamic time warping path, leg lengths.
+
+    ``mean_{(t,s) in path} mean_j |p_j(t) - p'_j(s)|`` of the core joints, seen from the hips' point on the floor, facing
+    forward, in leg lengths (:func:`~benchmark.motion.pose.pose_positions`); the path minimises the same cost. ``other`` is put
+    on the skeleton of ``clip`` first, so that proportions do not count.
+    """
+    if other.skeleton != clip.skeleton:
+        other = retarget(other, clip.skeleton)
+    ours, theirs = _poses(clip), _poses(other)
+    costs = np.zeros((len(ours), len(theirs)))
+    for joint in range(ours.shape[1]):
+        one, two = ours[:, joint], theirs[:, joint]
+        squared = np.sum(one**2, axis=1)[:, None] + np.sum(two**2, axis=1) - 2.0 * one @ two.T
+        costs += np.sqrt(np.maximum(squared, 0.0, out=squared), out=squared)
+    path = dtw_from_costs(costs).path
+    return float(np.linalg.norm(ours[path[:, 0]] - theirs[path[:, 1]], axis=-1).mean())
+
+
+@per_clip
+def _poses(clip: MotionClip) -> NDArray[np.float64]:
+    return pose_positions(clip)[:: stride(clip.fps)]
