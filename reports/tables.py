@@ -94,6 +94,11 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def with_values(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows of those metrics for which some method has a value; no column of dashes for jumps where nobody jumps."""
+    return table[table.groupby("metric")["mean"].transform("count") > 0]
+
+
 def markdown_leaderboard(table: pd.DataFrame) -> str:
     """A Markdown table, one metric a row and one method a column, mean with its 95 % interval.
 
@@ -159,8 +164,10 @@ def write_tables(run: RunView) -> list[Path]:
                 f"{run.dataset_title}, {task.replace(':', ' to ')}, {variant} results: means over clips with 95 % intervals "
                 "(clustered bootstrap, actors and then their clips)."
             )
-            tex.write_text(latex_leaderboard(table, caption=caption, label=f"tab:{stem}"), encoding="utf-8")
+            tex.write_text(
+                latex_leaderboard(with_values(table), caption=caption, label=f"tab:{stem}"), encoding="utf-8"
+            )
             markdown = folder / f"{stem}.md"
-            markdown.write_text(markdown_leaderboard(table), encoding="utf-8")
+            markdown.write_text(markdown_leaderboard(with_values(table)), encoding="utf-8")
             written += [csv, tex, markdown]
     return written

@@ -75,7 +75,7 @@ def test_heavy_libraries_are_imported_inside_functions():
     for path in SOURCES:
         if "_torch" in path.parts:  # the torch twin is only ever imported by code that needs torch
             continue
-        # Networks are torch modules. That a method can be listed without them is what the conformance check "light-import" is for.
+        # Networks are torch modules; that methods can be listed without them is the conformance check "light-import".
         allowed = {"torch"} if path.parent.name in ("holden", "cyclegan") and path.stem != "method" else set()
         found = (module_level(path) & heavy) - allowed
         assert not found, f"{path}: {found}"

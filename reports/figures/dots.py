@@ -9,6 +9,7 @@ import numpy as np
 from reports.drawing import Drawing
 from reports.figures.style import FAINT, INK, PAGE, REAL, new_figure, style
 from reports.run import RunView
+from reports.tables import with_values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +87,7 @@ def metric_dots(run: RunView) -> list[Drawing]:
     """Every metric of every method as a dot with its interval, real performers as a line; one page for each task."""
     drawings = []
     for task in run.tasks:
-        table = run.leaderboard(task, variant="raw")
+        table = with_values(run.leaderboard(task, variant="raw"))
         if table.empty:
             continue
         drawings.append(

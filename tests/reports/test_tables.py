@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from reports.tables import arrow, column_names, latex_leaderboard, number
+from reports.tables import arrow, column_names, latex_leaderboard, number, with_values
 
 
 @pytest.mark.parametrize(
@@ -48,3 +49,10 @@ def test_latex_escapes_what_it_would_read_as_a_command():
     row = ("a", "a", "b/c", "1", "lower", float("nan"), 1.0, 1.0, 1.0)
     tex = latex_leaderboard(pd.DataFrame([row], columns=columns), caption="folder:~/a^b{c}_d", label="t")
     assert r"\caption{folder:\textasciitilde{}/a\textasciicircum{}b\{c\}\_d}" in tex
+
+
+def test_metrics_without_any_value_take_no_column() -> None:
+    table = pd.DataFrame(
+        {"method": ["a", "b", "a", "b"], "metric": ["x", "x", "y", "y"], "mean": [np.nan, 1.0, np.nan, np.nan]}
+    )
+    assert with_values(table)["metric"].tolist() == ["x", "x"]
