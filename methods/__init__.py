@@ -7,4 +7,5 @@ BUILTIN: dict[str, str] = {
     "nearest": "methods.nearest:Nearest",
     "child-reference": "methods.child_reference:ChildReference",
     "dynamic-scaling": "methods.dynamic_scaling:DynamicScaling",
+    "hsu": "methods.hsu.method:Hsu",
 }

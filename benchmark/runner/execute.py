@@ -14,7 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.api import Capabilities, FitContext, Method, NotApplicableError, StyleTask, Supervision, TrainView, TransferResult
+from benchmark.api import (
+    Capabilities,
+    FitContext,
+    Method,
+    NotApplicableError,
+    StyleTask,
+    Supervision,
+    TrainView,
+    TransferResult,
+)
 from benchmark.data.base import Dataset
 from benchmark.data.views import EvalItem, eval_items, target_skeleton, train_view
 from benchmark.errors import BenchmarkError, ContractError

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -86,6 +88,12 @@ def test_banded_total_is_that_of_the_direct_recurrence(n, m, seed, band):
     assert alignment.cost == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize(("n", "m", "band"), [(3, 74, 0.3), (74, 3, 0.3), (2, 75, 0.5), (5, 60, 0.15)])
+def test_a_band_across_very_unequal_lengths(rng, n, m, band):
+    costs = rng.exponential(size=(n, m))
+    assert dtw_from_costs(costs, band=band).cost == pytest.approx(oracle(costs, band), rel=1e-12)
+
+
 @settings(max_examples=30, deadline=None)
 @given(n=st.integers(1, 5), m=st.integers(1, 5), seed=seeds)
 def test_no_path_at_all_is_cheaper(n, m, seed):
@@ -107,19 +115,80 @@ def test_squared_euclidean_frames(n, m, d, seed, offset):
     assert alignment.mean_cost == pytest.approx(costs[tuple(alignment.path.T)].mean(), rel=1e-12)
 
 
-@pytest.mark.parametrize("diagonals", [1, 2, 7, 400])
-def test_the_blocking_does_not_matter(rng, monkeypatch, diagonals):
-    costs = rng.exponential(size=(90, 61))
-    expected = dtw_from_costs(costs)
-    monkeypatch.setattr(module, "_DIAGONALS", diagonals)
-    monkeypatch.setattr(module, "_STRIP", 64)
-    np.testing.assert_array_equal(dtw_from_costs(costs).path, expected.path)
+@settings(max_examples=60, deadline=None)
+@given(
+    n=sizes,
+    m=sizes,
+    seed=seeds,
+    band=st.sampled_from([None, None, 0.1, 0.4]),
+    diagonals=st.integers(1, 40),
+    tile=st.integers(1, 9),
+    batch=st.integers(1, 4),
+    kept=st.sampled_from([0, 10**9]),
+)
+def test_the_blocking_does_not_matter(n, m, seed, band, diagonals, tile, batch, kept):
+    rng = np.random.default_rng(seed)
+    x, y = np.cumsum(rng.normal(size=(n, 4)), axis=0), np.cumsum(rng.normal(size=(m, 4)), axis=0)
+    costs = pair_costs(x, y)
+    expected = oracle(costs, band)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_DIAGONALS", (diagonals, diagonals))
+        patch.setattr(module, "_TILE", tile)
+        patch.setattr(module, "_BATCH", batch)
+        patch.setattr(module, "_KEPT", kept)
+        for align in (lambda: dtw(x, y, band=band), lambda: dtw_from_costs(costs, band=band)):
+            if np.isinf(expected):
+                with pytest.raises(ContractError, match="widen"):
+                    align()
+                continue
+            alignment = align()
+            check_path(alignment, n, m)
+            assert all(in_band(int(i), int(j), n, m, band) for i, j in alignment.path)
+            assert alignment.cost == pytest.approx(expected, rel=1e-10)
 
 
-def test_the_cost_matrix_is_the_same_in_strips(rng, monkeypatch):
-    x, y = rng.normal(size=(200, 5)), rng.normal(size=(150, 5))
-    monkeypatch.setattr(module, "_STRIP", 1)
-    assert dtw(x, y).cost == pytest.approx(oracle(pair_costs(x, y)), rel=1e-12)
+@pytest.mark.parametrize(("n", "m"), [(2100, 2000), (2700, 1600), (70, 60_000)])
+def test_long_sequences_take_the_path_of_the_kept_matrix(rng, monkeypatch, n, m):
+    assert n * m > module._KEPT
+    times = np.sort(rng.integers(0, n, m))
+    x = np.cumsum(rng.normal(size=(n, 12)), axis=0)
+    y = x[times] + 0.1 * rng.normal(size=(m, 12))
+    alignment = dtw(x, y)
+    check_path(alignment, n, m)
+    monkeypatch.setattr(module, "_KEPT", 10**9)
+    np.testing.assert_array_equal(alignment.path, dtw(x, y).path)
+    # The path is known but for the noise.
+    assert np.abs(alignment.swapped.warp() - times).mean() < 1.0
+
+
+def test_long_sequences_take_a_fraction_of_a_matrix_of_memory(rng):
+    x, y = rng.normal(size=(4000, 6)), rng.normal(size=(3000, 6))
+    tracemalloc.start()
+    try:
+        dtw(x, y)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 0.25 * 8 * len(x) * len(y)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    width=st.integers(1, 200), seed=seeds, scale=st.sampled_from([1e-6, 1.0, 1e6]), offset=st.sampled_from([0.0, 1e3])
+)
+def test_no_local_cost_is_below_zero(width, seed, scale, offset):
+    rng = np.random.default_rng(seed)
+    x = scale * (rng.normal(size=(17, width)) + offset)
+    left, right = module._widened(x, np.concatenate([x, x * (1.0 + 1e-15)]))
+    assert (left @ right.T).min() >= 0.0
+
+
+@pytest.mark.parametrize("kept", [0, 10**9])
+def test_standing_still_is_not_lingered_over(rng, monkeypatch, kept):
+    monkeypatch.setattr(module, "_KEPT", kept)
+    x = np.repeat(100.0 * rng.normal(size=(6, 20)), 30, axis=0)
+    y = x[::-1][::-1].copy()
+    np.testing.assert_array_equal(dtw(x, y).path, np.repeat(np.arange(180)[:, None], 2, axis=1))
 
 
 def test_a_sequence_matches_itself_frame_by_frame_at_no_cost(rng):
@@ -135,6 +204,13 @@ def test_constant_sequences_take_the_shortest_path():
     assert alignment.cost == 0.0
     assert len(alignment.path) == 40
     check_path(alignment, 40, 25)
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 9), (2, 3), (17, 60), (80, 23), (64, 64)])
+def test_where_all_costs_are_equal_the_path_is_as_short_as_can_be(n, m):
+    alignment = dtw_from_costs(np.ones((n, m)))
+    check_path(alignment, n, m)
+    assert len(alignment.path) == max(n, m)
 
 
 def test_exchanging_the_sequences_keeps_the_cost(rng):
@@ -156,9 +232,10 @@ def test_a_zero_band_on_equal_lengths_is_the_diagonal(rng):
     assert alignment.cost == pytest.approx(((x - y) ** 2).sum())
 
 
-def test_a_band_without_a_path_is_refused(rng):
-    with pytest.raises(ContractError, match=r"band of 0 between 3 and 9 frames"):
-        dtw(rng.normal(size=(3, 2)), rng.normal(size=(9, 2)), band=0.0)
+@pytest.mark.parametrize(("n", "m", "band"), [(3, 9, 0.0), (2, 40, 0.1), (40, 2, 0.1)])
+def test_a_band_without_a_path_is_refused(rng, n, m, band):
+    with pytest.raises(ContractError, match=rf"band of {band:g} between {n} and {m} frames"):
+        dtw(rng.normal(size=(n, 2)), rng.normal(size=(m, 2)), band=band)
 
 
 def test_warp_recovers_a_known_time_map(rng):
@@ -201,3 +278,10 @@ def test_costs_that_are_not_finite_are_refused():
 def test_a_senseless_band_is_refused(band):
     with pytest.raises(ContractError, match="band must be"):
         dtw(np.zeros((3, 1)), np.zeros((3, 1)), band=band)
+
+
+def test_distances_that_overflow_are_refused():
+    with pytest.raises(ContractError, match="overflow"):
+        dtw(np.array([[1e200], [0.0]]), np.array([[-1e200], [0.0]]))
+    with pytest.raises(ContractError, match="more than a number can hold"):
+        dtw_from_costs(np.full((3, 3), 1e308))

@@ -8,11 +8,21 @@ import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 FOLDER = Path(__file__).resolve().parents[1] / "speed"
-NAMES = ("timing", "bench_bvh", "bench_fk", "bench_dtw", "bench_start", "run")
+NAMES = (
+    "timing",
+    "bench_bvh",
+    "bench_fk",
+    "bench_dtw",
+    "bench_start",
+    "bench_warp",
+    "bench_identification",
+    "run",
+)
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -89,6 +99,35 @@ def test_start_bench_runs(speed):
     check_rows(speed.bench_start.run(Silent(), repeats=1))
 
 
+def test_warp_bench_runs(speed):
+    rows = speed.bench_warp.run(
+        Silent(), dense={9: 1}, growth={6: 1, 12: 1}, full={12: 1, 20: 1}, banded={30: 1, 60: 1}, reach=5
+    )
+    # At these lengths growth is noise, which may be of either sign.
+    growth = [row for row in rows if row["unit"] == "exponent"]
+    assert [row["task"] for row in growth] == [
+        "Space warp growth, 6 to 12 frames",
+        "Time warp growth, frames times band",
+    ]
+    check_rows([row for row in rows if row not in growth])
+    by_name = {row["what"]: row for row in rows if row["task"] == "Space warp, 9 frames, 1 channel"}
+    assert by_name["dense LU"]["value"] > 0
+    assert by_name["dense Cholesky"]["value"] > 0
+    assert speed.bench_warp.exponent([1.0, 10.0, 100.0], [3.0, 300.0, 30000.0]) == pytest.approx(2.0)
+
+
+def test_identification_bench_runs(speed):
+    rows = speed.bench_identification.run(Silent(), cases={(2, 2): 1}, repeats=1, frames=400, fresh=50, truth=3)
+    check_rows(rows)
+    ours = {row["task"]: row for row in rows if row["what"] == "ours"}
+    assert ours["Identification accuracy, order 2, 2 in, 2 out"]["value"] > 1.0
+    assert ours["Simulation, 25 joints, order 3"]["unit"] == "times real time"
+    case = speed.bench_identification.Case(2, 2, frames=400, fresh=50, truth=3)
+    silent = speed.bench_identification.StateSpace.static(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="its error on fresh data"):
+        case.check(silent)
+
+
 def row(task: str, what: str, value: float | None, unit: str = "ms") -> dict:
     return {"task": task, "what": what, "value": value, "unit": unit, "ratio": None, "note": "not installed"}
 
@@ -132,6 +171,6 @@ def test_the_command_prints_a_table_and_keeps_the_figures(speed, monkeypatch, tm
 
 
 def test_an_unknown_bench_is_named(speed):
-    result = CliRunner().invoke(speed.run.main, ["--only", "fk,warp"])
+    result = CliRunner().invoke(speed.run.main, ["--only", "fk,nonesuch"])
     assert result.exit_code == 2
-    assert "warp (known: bvh, fk, dtw, start)" in result.output
+    assert f"nonesuch (known: {', '.join(speed.run.BENCHES)})" in result.output

@@ -16,7 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.api import Capabilities, FitContext, Method, MethodInfo, StyleTask, Supervision, TransferResult
+from benchmark.api import (
+    Capabilities,
+    FitContext,
+    Method,
+    MethodInfo,
+    NotApplicableError,
+    StyleTask,
+    Supervision,
+    TransferResult,
+)
 from benchmark.commands.conformance.figures import ADULT, CHILD, FPS, SmallView, perform, small_view
 from benchmark.commands.conformance.outcome import (
     Check,
@@ -360,7 +369,7 @@ def _supervision(bench: MethodBench) -> None:
     for what, view in lacking.items():
         try:
             bench.fit(bench.make(), view=view)
-        except BenchmarkError:
+        except (BenchmarkError, NotApplicableError):
             continue
         except Exception as error:
             raise CheckFailedError(
