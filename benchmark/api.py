@@ -266,6 +266,11 @@ class Method(ABC):
         """
         return {"": {}}
 
+    @classmethod
+    def presets(cls) -> dict[str, dict[str, Any]]:
+        """Further named settings, run only when asked for as ``name[preset]``: those that cost more or answer other questions."""
+        return {}
+
 
 @dataclass(frozen=True)
 class MetricInfo:

@@ -71,6 +71,7 @@ def _method_details(cls: Any) -> list[str]:
     variants = ", ".join(name for name in cls.variants() if name)
     lines = [f"parameters: {params or 'none'}"]
     lines += [f"variants: {variants}"] if variants else []
+    lines += [f"presets: {', '.join(sorted(cls.presets()))}"] if cls.presets() else []
     lines += [f"source: {cls.info.citation}"] if cls.info.citation else []
     return lines
 

@@ -124,9 +124,10 @@ def _variants(
             for variant, settings in picked.items()
         ]
     if "=" not in inside:
-        if inside not in variants:
-            raise UnknownNameError(f"variant of {name}", inside, [variant for variant in variants if variant])
-        return [make_choice(registry, name, cls, {**variants[inside], **params}, f"{name}[{inside}]")]
+        named = {**cls.presets(), **variants}
+        if inside not in named:
+            raise UnknownNameError(f"variant of {name}", inside, [variant for variant in named if variant])
+        return [make_choice(registry, name, cls, {**named[inside], **params}, f"{name}[{inside}]")]
     typed: dict[str, Any] = {}
     for part in inside.split(","):
         key, equals, value = part.partition("=")

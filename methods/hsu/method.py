@@ -57,7 +57,6 @@ FAITHFUL: Mapping[str, Any] = {
     "least_std": 0.0,
     "distance": "l2",
     "warp": "per-joint",
-    "solver": "dense",
     "align_fps": 1000.0,
     "path_sigma": 0.0,
     "identification": "subspace",
@@ -91,10 +90,11 @@ class Hsu(Method):
     run through the models, brought to the scale of the training target clips, and put on the target's skeleton by turning
     its bones to where the models say. Place and facing on the floor stay the source's, scaled by leg length.
 
-    Two settings are registered. ``hsu`` is the robust one. ``hsu[faithful]`` follows the poster: order 40, records repeated
-    28 times, one pair for each action, every joint warped alone by unsquared distances, dense equations, the source's
-    clock. Its only departures are declared: the matrix of equation 2 is symmetric (as printed it is not the derivative of
-    equation 1), and unstable models are made stable. A clip whose action has no pair cannot be transferred by it.
+    ``hsu`` is robust; ``hsu[faithful]``, run when asked for by name, follows the poster: order 40, records repeated
+    28 times, one pair for each action, every joint warped alone by unsquared distances, the source's clock. Its departures are
+    declared: the matrix of equation 2 is symmetric (as printed it is not the derivative of equation 1) and its equations are
+    solved in linear time (``solver="dense"`` is the poster's LU, with the same numbers), and unstable models are made
+    stable. A clip whose action has no pair cannot be transferred by it.
 
     Parameters
     ----------
@@ -247,9 +247,9 @@ class Hsu(Method):
         self.limit = limit
 
     @classmethod
-    def variants(cls) -> dict[str, dict[str, Any]]:
-        """The robust default, and the poster."""
-        return {"": {}, "faithful": dict(FAITHFUL)}
+    def presets(cls) -> dict[str, dict[str, Any]]:
+        """``faithful``: the poster."""
+        return {"faithful": dict(FAITHFUL)}
 
     @classmethod
     def test_params(cls) -> list[dict[str, Any]]:

@@ -183,6 +183,8 @@ def test_variants_and_parameters(registries):
 
     assert labels("copy") == {"copy": 1.0}
     assert labels("copy[half]") == {"copy[half]": 0.5}
+    # Presets are run when asked for, and by no pattern.
+    assert labels("copy[tenth]") == {"copy[tenth]": 0.1}
     assert labels("cop*") == {"copy": 1.0, "copy[half]": 0.5}
     assert labels("copy[amount=0.25]") == {"copy[amount=0.25]": 0.25}
     assert labels("copy[amount=0.25, pause=1]") == {"copy[amount=0.25, pause=1]": 0.25}

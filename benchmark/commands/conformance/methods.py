@@ -226,7 +226,7 @@ def _parameters(bench: MethodBench) -> None:
         raise CheckFailedError(
             "an unknown keyword is accepted: do not take **kwargs, a typing error would go unnoticed"
         )
-    for name, chosen in bench.method.variants().items():
+    for name, chosen in {**bench.method.variants(), **bench.method.presets()}.items():
         try:
             bench.method(**chosen)
         except TypeError as error:

@@ -137,6 +137,10 @@ class Copy(Method):
     def variants(cls):
         return {"": {}, "half": {"amount": 0.5}} if cls is Copy else {"": {}}
 
+    @classmethod
+    def presets(cls):
+        return {"tenth": {"amount": 0.1}} if cls is Copy else {}
+
 
 class Noisy(Copy):
     """Adds a random walk; learns a random number."""
