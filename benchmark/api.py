@@ -268,7 +268,7 @@ class Method(ABC):
 
     @classmethod
     def presets(cls) -> dict[str, dict[str, Any]]:
-        """Further named settings, run only when asked for as ``name[preset]``: those that cost more or answer other questions."""
+        """Further named settings, run only when asked for as ``name[preset]``: they cost more, or answer other questions."""
         return {}
 
 

@@ -87,6 +87,8 @@ def source_digest(*modules: str) -> str:
 def module_files(module: str, *, whole_package: bool = True) -> list[tuple[str, bytes]]:
     """Names and contents of the source files of ``module``, sorted; line endings are normalised.
 
+    Of a package that stands for all its modules the TOML files count too: they hold its presets.
+
     Parameters
     ----------
     module
@@ -106,7 +108,8 @@ def module_files(module: str, *, whole_package: bool = True) -> list[tuple[str, 
         found = [
             (f"{module}/{path.relative_to(folder).as_posix()}", path)
             for folder in map(Path, spec.submodule_search_locations)
-            for path in folder.rglob("*.py")
+            for pattern in ("*.py", "*.toml")
+            for path in folder.rglob(pattern)
         ]
     elif spec.origin is not None and Path(spec.origin).is_file():
         found = [(f"{module}/__init__.py" if spec.submodule_search_locations else module, Path(spec.origin))]

@@ -8,4 +8,5 @@ BUILTIN: dict[str, str] = {
     "child-reference": "methods.child_reference:ChildReference",
     "dynamic-scaling": "methods.dynamic_scaling:DynamicScaling",
     "hsu": "methods.hsu.method:Hsu",
+    "holden": "methods.holden.method:Holden",
 }

@@ -38,6 +38,9 @@ from benchmark.seeding import generator
 #: Files of a cell besides its outputs.
 ITEMS, TARGET, MODEL, OUTPUTS = "items.json", "target-skeleton.npz", "model", "outputs"
 
+#: Training curves, which a method that trains writes beside its model and which are kept beside the results.
+CURVES = "train.parquet"
+
 
 class CellSkippedError(Exception):
     """Raised where a cell turns out not to apply; the message is the reason."""
@@ -140,6 +143,9 @@ def _run(job: CellJob, store: RunStore, folder: Path, log: _Log) -> dict[str, An
         raise CellSkippedError("; ".join(sorted({row["reason"] for row in rows})))
     log("save", 1.0, "", always=True)
     method.save(folder / MODEL)
+    curves = folder / MODEL / CURVES
+    if curves.is_file():
+        curves.replace(folder / CURVES)
     (folder / ITEMS).write_text(json.dumps(rows, indent=1, sort_keys=True, ensure_ascii=False), encoding="utf-8")
     return {
         "costs": {

@@ -1,1 +1,1 @@
-"""Differentiable building blocks shared by the learned methods. Importing any module here imports torch."""
+"""Building blocks shared by the learned methods. Importing any module here but ``presets`` imports torch."""
