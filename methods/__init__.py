@@ -9,4 +9,5 @@ BUILTIN: dict[str, str] = {
     "dynamic-scaling": "methods.dynamic_scaling:DynamicScaling",
     "hsu": "methods.hsu.method:Hsu",
     "holden": "methods.holden.method:Holden",
+    "cyclegan": "methods.cyclegan.method:CycleGan",
 }

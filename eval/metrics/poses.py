@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from benchmark.motion.clip import MotionClip
 from benchmark.motion.dtw import dtw_from_costs
 from benchmark.motion.pose import pose_positions
 from benchmark.motion.retarget import retarget
+from benchmark.motion.skeleton import Skeleton
 from eval.metrics.shared import per_clip, stride
 
 
@@ -19,9 +22,7 @@ def aligned_distance(clip: MotionClip, other: MotionClip) -> float:
     forward, in leg lengths (:func:`~benchmark.motion.pose.pose_positions`); the path minimises the same cost. ``other`` is put
     on the skeleton of ``clip`` first, so that proportions do not count.
     """
-    if other.skeleton != clip.skeleton:
-        other = retarget(other, clip.skeleton)
-    ours, theirs = _poses(clip), _poses(other)
+    ours, theirs = _poses(clip), _poses_on(other, clip.skeleton)
     costs = np.zeros((len(ours), len(theirs)))
     for joint in range(ours.shape[1]):
         one, two = ours[:, joint], theirs[:, joint]
@@ -34,3 +35,17 @@ def aligned_distance(clip: MotionClip, other: MotionClip) -> float:
 @per_clip
 def _poses(clip: MotionClip) -> NDArray[np.float64]:
     return pose_positions(clip)[:: stride(clip.fps)]
+
+
+def _poses_on(clip: MotionClip, skeleton: Skeleton) -> NDArray[np.float64]:
+    """Poses of ``clip`` on ``skeleton``; the last one asked for is kept, since all results of a task are on one skeleton."""
+    if clip.skeleton == skeleton:
+        return _poses(clip)
+    known = _placed.get(clip)
+    if known is None or known[0] != skeleton:
+        known = (skeleton, _poses(retarget(clip, skeleton)))
+        _placed[clip] = known
+    return known[1]
+
+
+_placed: WeakKeyDictionary[MotionClip, tuple[Skeleton, NDArray[np.float64]]] = WeakKeyDictionary()

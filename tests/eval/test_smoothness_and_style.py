@@ -242,3 +242,10 @@ def test_distance_to_real_clips_is_the_median_and_free_of_size_place_and_tempo()
     single = ReferenceDistance().compute(sample(bending(0.0), more))
     assert single > ReferenceDistance().compute(sample(bent, more)) > 0.0
     assert ReferenceDistance().compute(sample(bent, bent, more, bent)) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_reference_kept_for_one_skeleton_is_put_on_another_when_asked() -> None:
+    reference, small, large = walk(BODY), walk(figure(0.5)), walk(figure(0.9, trunk=0.4))
+    fresh = {clip: ReferenceDistance().compute(sample(clip, walk(BODY))) for clip in (small, large)}
+    for clip in (small, large, small):
+        assert ReferenceDistance().compute(sample(clip, reference)) == fresh[clip]

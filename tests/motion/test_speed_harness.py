@@ -21,6 +21,7 @@ NAMES = (
     "bench_start",
     "bench_warp",
     "bench_identification",
+    "bench_cyclegan",
     "run",
 )
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -126,6 +127,19 @@ def test_identification_bench_runs(speed):
     silent = speed.bench_identification.StateSpace.static(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="its error on fresh data"):
         case.check(silent)
+
+
+def test_cyclegan_bench_runs(speed):
+    size = {"joints": 3, "width": 2, "blocks": 1, "judge_width": 4, "batch": 3}
+    rows = speed.bench_cyclegan.run(Silent(), **size, repeats=1, seconds=2.0)
+    check_rows(rows)
+    # The plain update is checked against ours before it is timed.
+    by_name = {row["what"]: row for row in rows if row["task"] == "CycleGAN training, 3 joints"}
+    assert by_name["plain, batch 1"]["value"] > 0
+    assert by_name["plain, batch 3"]["value"] > 0
+    case = speed.bench_cyclegan.Case(3, 2, 1, 4, 3)
+    with pytest.raises(ValueError, match="its loss"):
+        case.check(lambda: dict.fromkeys(("adversarial", "cycle", "coherence", "d_source", "d_target"), 0.5))
 
 
 def row(task: str, what: str, value: float | None, unit: str = "ms") -> dict:

@@ -30,6 +30,7 @@ BENCHES = {
     "start": "bench_start",
     "warp": "bench_warp",
     "identification": "bench_identification",
+    "cyclegan": "bench_cyclegan",
 }
 INSTALL = "pip install -c constraints.txt -e '.[peers]'"
 
@@ -61,6 +62,8 @@ GOALS = (
     Goal("Time warp growth", "exponent of the cells at most 1.1", at_most=1.1),
     Goal("Identification", "at least 10 times as fast as nfoursid", faster_than="nfoursid", times=10.0),
     Goal("Identification accuracy", "no more than 5 % behind any peer", faster_than="", times=0.95),
+    Goal("CycleGAN training", "at least 10 times the plain one, batch 1", faster_than="plain, batch 1", times=10.0),
+    Goal("CycleGAN transfer", "at least 100 times real time", at_least=100.0),
 )
 
 
