@@ -21,6 +21,7 @@ NAMES = (
     "bench_start",
     "bench_warp",
     "bench_identification",
+    "bench_translation",
     "bench_cyclegan",
     "run",
 )
@@ -127,6 +128,12 @@ def test_identification_bench_runs(speed):
     silent = speed.bench_identification.StateSpace.static(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="its error on fresh data"):
         case.check(silent)
+
+
+def test_translation_bench_runs(speed):
+    rows = speed.bench_translation.run(Silent(), seconds=1.0, order=1, repeats=1)
+    check_rows(rows)
+    assert rows[0]["unit"] == "times real time"
 
 
 def test_cyclegan_bench_runs(speed):

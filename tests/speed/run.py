@@ -30,6 +30,7 @@ BENCHES = {
     "start": "bench_start",
     "warp": "bench_warp",
     "identification": "bench_identification",
+    "translation": "bench_translation",
     "cyclegan": "bench_cyclegan",
 }
 INSTALL = "pip install -c constraints.txt -e '.[peers]'"
