@@ -5,6 +5,8 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 # Further flags for the run, for example: make run ARGS="--dataset kinder-gator --task adult:child"
 ARGS   ?=
+# A test worker computes on one thread: numerical libraries that each take all cores stand in one another's way.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 # Test workers: as many as there are cores, at most 8.
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1); [ $$n -gt 8 ] && n=8; echo $$n)
 
@@ -38,10 +40,10 @@ format: install  ## Put the sources in shape
 	@$(BIN)/ruff format .
 
 test: lint  ## Lint, layer check and the test suite
-	@$(BIN)/python -m pytest -n $(WORKERS)
+	@$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS)
 
 test-slow: install  ## The tests that take minutes
-	@$(BIN)/python -m pytest -n $(WORKERS) -m slow
+	@$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) -m slow
 
 $(VENV)/.peers: $(VENV)/.installed
 	@echo "installing the libraries that ours are timed against"
