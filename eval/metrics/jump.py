@@ -209,7 +209,7 @@ def measure(sample: Sample, value: Callable[[MotionClip, Jump], float]) -> float
     return value(sample.clip, jump)
 
 
-_CITATION = "after Dong et al. 2018 (SIGGRAPH posters: what differs in landing and arm swing)"
+_CITATION = "after Dong et al. 2018 (Eurographics posters: what differs in landing and arm swing)"
 _DEPS = ("benchmark.motion.contacts", "benchmark.motion.pose", "benchmark.motion.canonical", "eval.metrics.shared")
 
 
