@@ -187,6 +187,8 @@ class TransferResult:
         JSON-ready facts about this transfer.
     copied_from
         Clip id of the real clip that the result is a copy of; that clip is then not used as its reference.
+    round_trip
+        The result translated back to the source style by the method itself, for methods that learn both ways.
     """
 
     clip: MotionClip
@@ -195,6 +197,7 @@ class TransferResult:
     contacts: NDArray[np.bool_] | None = None
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
     copied_from: str | None = None
+    round_trip: MotionClip | None = None
 
 
 class Method(ABC):
@@ -273,6 +276,43 @@ class Method(ABC):
 
 
 @dataclass(frozen=True)
+class ProbeInfo:
+    """What a probe is; ``version`` and ``code_deps`` as in :class:`MethodInfo`."""
+
+    name: str
+    summary: str
+    version: str = "1"
+    citation: str = ""
+    code_deps: tuple[str, ...] = ()
+
+
+class Probe(ABC):
+    """A trained evaluator that metrics look through: a classifier, a feature extractor, limits of joints.
+
+    It is fitted once for each run and task, on the training clips alone, and handed to the metrics that name it. The
+    constructor takes no arguments; learned attributes end in an underscore. The same generator gives the same probe.
+    """
+
+    info: ClassVar[ProbeInfo]
+
+    @abstractmethod
+    def fit(self, train: TrainView, task: StyleTask, *, rng: np.random.Generator, ctx: FitContext) -> Self:
+        """Learn from the training clips and return ``self``.
+
+        A :class:`NotApplicableError` says that there is nothing to learn from; metrics that need the probe are then skipped.
+        """
+
+    @abstractmethod
+    def save(self, folder: Path) -> None:
+        """Write what was learned, without pickle."""
+
+    @classmethod
+    @abstractmethod
+    def load(cls, folder: Path) -> Self:
+        """Read what :meth:`save` wrote."""
+
+
+@dataclass(frozen=True)
 class MetricInfo:
     """What a metric is.
 
@@ -290,7 +330,7 @@ class MetricInfo:
     scope
         ``clip``, or ``set`` for a value over all clips of a cell.
     probe
-        Name of the trained evaluator it uses, or ``""``.
+        Name of the :class:`Probe` it uses, found in ``sample.probes``, or ``""``.
     """
 
     name: str
@@ -324,8 +364,10 @@ class Sample:
         The task, with the target skeleton.
     time_map
         As in :class:`TransferResult`.
-    contacts, copied_from
+    contacts, copied_from, round_trip
         As in :class:`TransferResult`.
+    probes
+        The fitted probes that metrics of this run name.
     """
 
     clip: MotionClip
@@ -336,6 +378,8 @@ class Sample:
     time_map: NDArray[np.float64] | None = None
     contacts: NDArray[np.bool_] | None = None
     copied_from: str | None = None
+    round_trip: MotionClip | None = None
+    probes: Mapping[str, Probe] = field(default_factory=dict)
 
 
 class NotApplicableError(Exception):

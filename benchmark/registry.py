@@ -311,5 +311,6 @@ METHODS = Registry(
 METRICS = Registry(
     "metric", "motion_style_benchmark.metrics", "eval:BUILTIN_METRICS", ("name", "summary", "unit", "direction")
 )
+PROBES = Registry("probe", "motion_style_benchmark.probes", "eval:BUILTIN_PROBES", ("name", "summary"))
 DATASETS = Registry("dataset", "motion_style_benchmark.datasets", "benchmark.data:BUILTIN_DATASETS")
 FIGURES = Registry("figure", "motion_style_benchmark.figures", "reports:BUILTIN_FIGURES", ("name", "summary"))

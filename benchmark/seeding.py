@@ -12,7 +12,7 @@ from benchmark.digest import digest
 from benchmark.errors import ConfigError, UnknownNameError
 
 #: The axes there are. ``seed`` is the run's own seed; ``stage`` tells apart the uses of one cell's randomness.
-AXES: tuple[str, ...] = ("seed", "dataset", "split", "task", "method", "repetition", "stage", "clip", "metric")
+AXES: tuple[str, ...] = ("seed", "dataset", "split", "task", "method", "repetition", "stage", "clip", "metric", "probe")
 
 
 def seed_for(**axes: str | int) -> int:

@@ -1,4 +1,4 @@
-"""Metrics, probes, statistics and ratings. ``BUILTIN_METRICS`` names the metrics as lazy ``"module:Class"`` strings."""
+"""Metrics, probes, statistics and ratings; metrics and probes are named as lazy ``"module:Class"`` strings."""
 
 from __future__ import annotations
 
@@ -24,3 +24,5 @@ BUILTIN_METRICS: dict[str, str] = {
     "jump/recovery-duration": "eval.metrics.jump:RecoveryDuration",
     "truth/pose-distance": "eval.metrics.truth:TruthPoseDistance",
 }
+
+BUILTIN_PROBES: dict[str, str] = {}

@@ -7,22 +7,23 @@ from typing import Any
 
 import click
 
-from benchmark.registry import FIGURES, METHODS, METRICS, Registry
+from benchmark.registry import FIGURES, METHODS, METRICS, PROBES, Registry
 
 
 @click.command("list")
-@click.argument("what", type=click.Choice(["methods", "metrics", "datasets", "figures"]))
+@click.argument("what", type=click.Choice(["methods", "metrics", "probes", "datasets", "figures"]))
 @click.option(
     "-v", "--verbose", is_flag=True, help="Import the entries too: where they come from, parameters and variants."
 )
 def list_(what: str, verbose: bool) -> None:
-    """List methods, metrics, datasets or figures."""
+    """List methods, metrics, probes (trained evaluators that metrics look through), datasets or figures."""
     if what == "datasets":
         _list_datasets(verbose)
         return
     registry, facts, details = {
         "methods": (METHODS, _method_facts, _method_details),
         "metrics": (METRICS, _metric_facts, _metric_details),
+        "probes": (PROBES, _no_facts, _metric_details),
         "figures": (FIGURES, _no_facts, _no_details),
     }[what]
     _list_entries(registry, facts, details, verbose)
@@ -83,6 +84,7 @@ def _metric_facts(facts: Mapping[str, Any]) -> str:
         str(facts.get("unit", "")),
         direction.get(facts.get("direction", ""), ""),
         needs.get(facts.get("needs", ""), ""),
+        f"through the probe {facts['probe']}" if facts.get("probe") else "",
     ]
     return ", ".join(filter(None, traits))
 

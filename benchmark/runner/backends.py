@@ -21,8 +21,8 @@ from typing import Protocol
 
 from benchmark.errors import ConfigError
 from benchmark.runner import worker
-from benchmark.runner.job import CellJob
-from benchmark.runner.plan import Cell
+from benchmark.runner.job import CellJob, Unit
+from benchmark.runner.probes import ProbeJob
 from benchmark.runner.store import RunStore
 
 #: What the fork server imports once for all cells: what every cell needs, and nothing that starts threads.
@@ -36,23 +36,27 @@ PRELOADED = (
 )
 
 
+#: What a backend can run.
+Job = CellJob | ProbeJob
+
+
 class Observer(Protocol):
     """Told what happens, in this process."""
 
-    def cell_started(self, cell: Cell) -> None:
+    def cell_started(self, cell: Unit) -> None:
         """A cell's process has started."""
 
-    def cell_progress(self, cell: Cell, stage: str, fraction: float, message: str) -> None:
+    def cell_progress(self, cell: Unit, stage: str, fraction: float, message: str) -> None:
         """What the cell does now."""
 
-    def cell_finished(self, cell: Cell, state: str, reason: str, seconds: float) -> None:
+    def cell_finished(self, cell: Unit, state: str, reason: str, seconds: float) -> None:
         """The cell ended as ``ok``, ``skipped`` or ``failed``."""
 
 
 class Backend(Protocol):
     """Runs cells and leaves what becomes of them in the run folder."""
 
-    def run(self, jobs: Sequence[CellJob], observer: Observer) -> None:
+    def run(self, jobs: Sequence[Job], observer: Observer) -> None:
         """Run every job."""
 
 
@@ -68,13 +72,13 @@ def make_backend(name: str, *, jobs: int, time_limit: float | None) -> Backend:
 class Serial:
     """One cell after another in this process, for a debugger. A crash ends the run, and peak memory is the run's."""
 
-    def run(self, jobs: Sequence[CellJob], observer: Observer) -> None:
+    def run(self, jobs: Sequence[Job], observer: Observer) -> None:
         """Run every job."""
         for job in jobs:
             observer.cell_started(job.cell)
             start = time.monotonic()
 
-            def report(stage: str, fraction: float, message: str, cell: Cell = job.cell) -> None:
+            def report(stage: str, fraction: float, message: str, cell: Unit = job.cell) -> None:
                 observer.cell_progress(cell, stage, fraction, message)
 
             with worker.limited_threads(job.threads):
@@ -85,7 +89,7 @@ class Serial:
 
 @dataclass
 class _Running:
-    job: CellJob
+    job: Job
     process: multiprocessing.process.BaseProcess
     connection: Connection
     output: Path
@@ -114,7 +118,7 @@ class Processes:
         if self._context.get_start_method() == "forkserver":
             self._context.set_forkserver_preload(list(PRELOADED))
 
-    def run(self, jobs: Sequence[CellJob], observer: Observer) -> None:
+    def run(self, jobs: Sequence[Job], observer: Observer) -> None:
         """Run every job; whatever ends this, no process is left behind."""
         waiting = deque(jobs)
         running: list[_Running] = []
@@ -134,7 +138,7 @@ class Processes:
                 _kill(one)
                 one.output.unlink(missing_ok=True)
 
-    def _start(self, job: CellJob) -> _Running:
+    def _start(self, job: Job) -> _Running:
         cells = RunStore(job.folder).cells
         cells.mkdir(parents=True, exist_ok=True)
         output = cells / f".tmp-output-{job.cell.key}"
@@ -177,7 +181,7 @@ class Processes:
         if stage not in ("done", "metric"):
             observer.cell_progress(one.job.cell, stage, fraction, message)
 
-    def _ended(self, one: _Running, observer: Observer) -> CellJob | None:
+    def _ended(self, one: _Running, observer: Observer) -> Job | None:
         """Store how a process ended if it could not do so itself; a job to run again where a metric ended it."""
         store, job = RunStore(one.job.folder), one.job
         over = one.stage.startswith("over:")
@@ -202,7 +206,7 @@ class Processes:
         return None
 
 
-def _next(waiting: deque[CellJob], running: Sequence[_Running]) -> CellJob | None:
+def _next(waiting: deque[Job], running: Sequence[_Running]) -> Job | None:
     """Take the next job that may start now: one at a time on the GPU, whose memory cells would have to share."""
     busy = any(one.job.cell.device == "cuda" and one.job.execute for one in running)
     for job in waiting:
@@ -212,7 +216,7 @@ def _next(waiting: deque[CellJob], running: Sequence[_Running]) -> CellJob | Non
     return None
 
 
-def _without_metric(one: _Running, reason: str) -> CellJob | None:
+def _without_metric(one: _Running, reason: str) -> Job | None:
     """The job again without the metric that ended it, or without any if none had begun; ``None`` if that was tried."""
     names = [one.metric] if one.metric else [metric.name for metric in one.job.metrics]
     if set(names) <= set(one.job.poisoned):

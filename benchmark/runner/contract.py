@@ -37,9 +37,9 @@ def check_result(result: Any, source: MotionClip, task: StyleTask, capabilities:
     """
     if not isinstance(result, TransferResult):
         raise ContractError(f"transfer must return a TransferResult, not {type(result).__name__}")
-    for name in ("clip", "raw_clip"):
+    for name in ("clip", "raw_clip", "round_trip"):
         clip = getattr(result, name)
-        if clip is None and name == "raw_clip":
+        if clip is None and name != "clip":
             continue
         _check_clip(clip, name, source)
     clip = result.clip

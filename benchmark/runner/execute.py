@@ -41,6 +41,9 @@ ITEMS, TARGET, MODEL, OUTPUTS = "items.json", "target-skeleton.npz", "model", "o
 #: Training curves, which a method that trains writes beside its model and which are kept beside the results.
 CURVES = "train.parquet"
 
+#: In the name of a result that was translated back to the source style.
+ROUND_TRIP = "round-trip"
+
 
 class CellSkippedError(Exception):
     """Raised where a cell turns out not to apply; the message is the reason."""
@@ -212,6 +215,8 @@ def _transfer(
         variants[variant] = None
     if result.raw_clip is not None:
         npz.save(result.raw_clip, folder / f"{stem}.unprocessed.npz")
+    if result.round_trip is not None:
+        npz.save(result.round_trip, folder / f"{stem}.{ROUND_TRIP}.npz")
     _save_extras(result, folder / f"{stem}.extras.npz")
     return {
         **_item_facts(item),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from benchmark.api import Method, Metric
 from benchmark.data.base import Dataset
@@ -20,6 +20,22 @@ Report = Callable[[str, float, str], None]
 
 #: Code outside metrics that can change a score.
 SCORING = ("benchmark.motion", "benchmark.api", "benchmark.data.views", "benchmark.runner.score")
+
+
+class Unit(Protocol):
+    """What a backend runs and a progress display shows: a cell, or a probe to fit."""
+
+    @property
+    def key(self) -> str:
+        """Its name in the store."""
+
+    @property
+    def title(self) -> str:
+        """Its name for people."""
+
+    @property
+    def device(self) -> str:
+        """``cpu`` or ``cuda``."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +54,19 @@ class DatasetSource:
 
 
 @dataclass(frozen=True)
+class ProbeRef:
+    """Where a run's probe is: its key in the store of probes, and its class as ``"module:Class"``."""
+
+    key: str
+    target: str
+
+
+@dataclass(frozen=True)
 class MetricJob:
-    """One metric to compute; ``digest`` covers everything that can change its values, ``error`` says why it cannot be."""
+    """One metric to compute; ``digest`` covers everything that can change its values, ``error`` says why it cannot be.
+
+    ``probe`` is the name of the probe it looks through, or empty.
+    """
 
     name: str
     target: str
@@ -48,6 +75,7 @@ class MetricJob:
     unit: str = ""
     error: str | None = None
     value: bytes | None = None
+    probe: str = ""
 
     @classmethod
     def of(cls, choice: MetricChoice, scoring: str, value: bytes | None = None) -> MetricJob:
@@ -61,6 +89,7 @@ class MetricJob:
             info.unit if info else "",
             choice.error,
             value,
+            choice.probe.name if choice.probe else "",
         )
 
     def load(self) -> Metric:
@@ -92,6 +121,8 @@ class CellJob:
         Metrics that ended the process before, with what happened; they are recorded as failed and not tried.
     method_value
         The class itself, where it was defined in a notebook and cannot be imported.
+    probes
+        Where the probes are that the metrics name.
     """
 
     cell: Cell
@@ -106,6 +137,7 @@ class CellJob:
     metrics: tuple[MetricJob, ...]
     poisoned: Mapping[str, str] = field(default_factory=dict)
     method_value: bytes | None = None
+    probes: Mapping[str, ProbeRef] = field(default_factory=dict)
 
     def load_method(self) -> type[Method]:
         """Import the method's class."""

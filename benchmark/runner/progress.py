@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-from benchmark.runner.plan import Cell
+from benchmark.runner.job import Unit
+from benchmark.runner.probes import ProbeUnit
 
 _MARKS = {"ok": ("ok", "green"), "skipped": ("skipped", "yellow"), "failed": ("failed", "red")}
 
@@ -22,13 +23,13 @@ class Quiet:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def cell_started(self, cell: Cell) -> None:
+    def cell_started(self, cell: Unit) -> None:
         """Nothing."""
 
-    def cell_progress(self, cell: Cell, stage: str, fraction: float, message: str) -> None:
+    def cell_progress(self, cell: Unit, stage: str, fraction: float, message: str) -> None:
         """Nothing."""
 
-    def cell_finished(self, cell: Cell, state: str, reason: str, seconds: float) -> None:
+    def cell_finished(self, cell: Unit, state: str, reason: str, seconds: float) -> None:
         """Nothing."""
 
 
@@ -38,10 +39,13 @@ class Plain(Quiet):
     def __init__(self, console: Console, total: int) -> None:
         self._console, self._total, self._done = console, total, 0
 
-    def cell_finished(self, cell: Cell, state: str, reason: str, seconds: float) -> None:
-        """Print the line."""
-        self._done += 1
-        self._console.print(_line(f"[{self._done}/{self._total}]", cell, state, reason, seconds), soft_wrap=True)
+    def cell_finished(self, cell: Unit, state: str, reason: str, seconds: float) -> None:
+        """Print the line; probes are not counted."""
+        self._done += counts(cell)
+        prefix = f"[{self._done}/{self._total}]"
+        self._console.print(
+            _line(prefix if counts(cell) else " " * len(prefix), cell, state, reason, seconds), soft_wrap=True
+        )
 
 
 class Bars(Quiet):
@@ -70,28 +74,33 @@ class Bars(Quiet):
     def __exit__(self, *_: object) -> None:
         self._bars.stop()
 
-    def cell_started(self, cell: Cell) -> None:
+    def cell_started(self, cell: Unit) -> None:
         """Add the cell's bar."""
         self._of[cell.key] = self._bars.add_task(f"  {cell.title}", total=1.0, count="", message="starting")
 
-    def cell_progress(self, cell: Cell, stage: str, fraction: float, message: str) -> None:
+    def cell_progress(self, cell: Unit, stage: str, fraction: float, message: str) -> None:
         """Move the cell's bar."""
         task = self._of.get(cell.key)
         if task is not None:
             text = f"{stage}: {message}" if message else stage
             self._bars.update(task, completed=min(max(fraction, 0.0), 1.0), message=" ".join(text.split())[:60])
 
-    def cell_finished(self, cell: Cell, state: str, reason: str, seconds: float) -> None:
+    def cell_finished(self, cell: Unit, state: str, reason: str, seconds: float) -> None:
         """Take the cell's bar away and print its line above."""
         task = self._of.pop(cell.key, None)
         if task is not None:
             self._bars.remove_task(task)
-        self._done += 1
+        self._done += counts(cell)
         self._bars.update(self._all, completed=self._done, count=f"{self._done}/{self._total}")
         self._console.print(_line("", cell, state, reason, seconds), soft_wrap=True)
 
 
-def _line(prefix: str, cell: Cell, state: str, reason: str, seconds: float) -> Text:
+def counts(unit: Unit) -> bool:
+    """Whether a unit is one of the plan's cells."""
+    return not isinstance(unit, ProbeUnit)
+
+
+def _line(prefix: str, cell: Unit, state: str, reason: str, seconds: float) -> Text:
     word, style = _MARKS.get(state, (state, "red"))
     text = Text(f"{prefix} " if prefix else "")
     text.append(f"{word:<8}", style=style)

@@ -13,11 +13,12 @@ from benchmark.data.base import Dataset
 from benchmark.data.splits import Split, load_split, make_split
 from benchmark.digest import canonical_json
 from benchmark.errors import ConfigError, DataError, RegistryError, StoreError, UnknownNameError
-from benchmark.registry import METHODS, METRICS, Registry
+from benchmark.registry import METHODS, METRICS, PROBES, Registry
 from benchmark.runner import provenance
 from benchmark.runner.backends import Observer, make_backend
 from benchmark.runner.job import CellJob, DatasetSource, MetricJob, pack, scoring_digest
 from benchmark.runner.plan import Cell, make_plan
+from benchmark.runner.probes import probe_jobs
 from benchmark.runner.score import forget, missing_metrics
 from benchmark.runner.selection import MetricChoice, choose_methods, choose_metrics, importable
 from benchmark.runner.store import CellStatus, RunStore, read_json, write_json, write_text
@@ -102,6 +103,7 @@ def prepare(
     *,
     methods: Registry = METHODS,
     metrics: Registry = METRICS,
+    probes: Registry = PROBES,
     opener: str | None = None,
     gpu: Any = provenance.gpu_usable,
 ) -> Prepared:
@@ -111,7 +113,7 @@ def prepare(
     ----------
     config
         The settings.
-    methods, metrics
+    methods, metrics, probes
         The registries.
     opener
         ``"module:function"`` that opens data sets, for those that the catalogue does not know.
@@ -137,7 +139,7 @@ def prepare(
     if config.force and config.overwrite == "only-cached":
         raise ConfigError("force and overwrite 'only-cached' contradict each other: leave one out")
     cells = tuple(make_plan(config, dataset, splits, chosen, gpu=gpu))
-    return Prepared(config, source, dataset, splits, cells, tuple(choose_metrics(metrics, config.metrics)))
+    return Prepared(config, source, dataset, splits, cells, tuple(choose_metrics(metrics, config.metrics, probes)))
 
 
 def default_task(dataset: Dataset) -> str:
@@ -250,7 +252,7 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
                     jobs.append(job)
         if jobs or not (folder / ENVIRONMENT).is_file():
             write_json(folder / ENVIRONMENT, provenance.environment(threads=config.threads, jobs=config.jobs))
-        return _work(folder, prepared.cells, config, jobs, metric_jobs, directions(prepared.metrics), observer)
+        return _work(folder, prepared.cells, config, jobs, metric_jobs, prepared.metrics, observer)
 
 
 def _work(
@@ -259,11 +261,16 @@ def _work(
     config: RunConfig,
     jobs: Sequence[CellJob],
     metrics: tuple[MetricJob, ...],
-    known: Mapping[str, tuple[str, float | None]],
+    chosen: Sequence[MetricChoice],
     observer: Observer,
 ) -> Outcome:
     if jobs:
-        make_backend(config.backend, jobs=config.jobs, time_limit=config.time_limit).run(jobs, observer)
+        backend = make_backend(config.backend, jobs=config.jobs, time_limit=config.time_limit)
+        named = {choice.probe.name: choice.probe for choice in chosen if choice.probe is not None}
+        fits, places = probe_jobs(jobs, named.values())
+        if fits:
+            backend.run(fits, observer)
+        backend.run([replace(job, probes=places.get(job.cell.task, {})) for job in jobs], observer)
     store = RunStore(folder)
     states = {cell.key: _disk_state(store, cell) for cell in cells}
     for key, status in states.items():
@@ -271,7 +278,7 @@ def _work(
             states[key] = CellStatus("skipped", f"not in the cache: {status.reason}")
     current = views_are_current(folder, views_digest(folder, cells, metrics, states))
     if not current:
-        build_views(folder, cells, metrics, states, known)
+        build_views(folder, cells, metrics, states, directions(chosen))
     executed = sum(job.execute for job in jobs)
     planned = sum(cell.fate == "run" for cell in cells)
     return Outcome(folder, cells, states, executed, len(jobs) - executed, planned - len(jobs), not current)
@@ -285,6 +292,7 @@ def score(
     force: bool = False,
     jobs: int | None = None,
     metrics: Registry = METRICS,
+    probes: Registry = PROBES,
     opener: str | None = None,
 ) -> Outcome:
     """Score the stored clips of a finished run, without fitting or transferring.
@@ -314,8 +322,10 @@ def score(
         source = replace(source, opener=opener)
     if jobs is not None:
         config = config.model_copy(update={"jobs": jobs})
-    chosen = choose_metrics(metrics, [*config.metrics, *requests])
-    again = [choice.name for choice in (choose_metrics(metrics, requests) if requests else chosen)] if force else []
+    chosen = choose_metrics(metrics, [*config.metrics, *requests], probes)
+    again = (
+        [choice.name for choice in (choose_metrics(metrics, requests, probes) if requests else chosen)] if force else []
+    )
     metric_jobs = make_metric_jobs(chosen, metrics)
     store = RunStore(folder)
     with store.lock():
@@ -343,7 +353,7 @@ def score(
             _check_same_data(folder, source.open(), work)
         for job in work:
             forget(store.cell(job.cell.key), again)
-        return _work(folder, cells, config, work, metric_jobs, directions(chosen), observer)
+        return _work(folder, cells, config, work, metric_jobs, chosen, observer)
 
 
 def _check_same_data(folder: Path, dataset: Dataset, work: Iterable[CellJob]) -> None:
@@ -403,7 +413,7 @@ def _check_folder(folder: Path, config: RunConfig) -> None:
     if not (folder / CONFIG).is_file():
         own = {".lock", "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
         if RunStore(folder).cells.is_dir():  # a run whose settings were lost
-            own |= {PLAN, ENVIRONMENT, RESULTS, LEADERBOARD, MARK, "report", "figures", "tables", "stats"}
+            own |= {PLAN, ENVIRONMENT, RESULTS, LEADERBOARD, MARK, "probes", "report", "figures", "tables", "stats"}
         others = sorted(path.name for path in folder.iterdir() if path.name not in own)
         if others:
             raise StoreError(

@@ -14,9 +14,10 @@ from benchmark.data.base import Dataset
 from benchmark.digest import file_digest
 from benchmark.errors import ContractError, StoreError
 from benchmark.motion.clip import MotionClip
-from benchmark.runner.execute import ITEMS, OUTPUTS, TARGET, describe, load_extras
+from benchmark.runner.execute import ITEMS, OUTPUTS, ROUND_TRIP, TARGET, describe, load_extras
 from benchmark.runner.job import CellJob, MetricJob, Report
 from benchmark.runner.parquet import read_rows, write_rows
+from benchmark.runner.probes import LoadedProbes
 from benchmark.runner.store import SCORES, SCORES_MARK, RunStore, read_json, write_json
 
 #: Columns of a cell's ``metrics.parquet``, with their types.
@@ -113,9 +114,11 @@ def score_cell(job: CellJob, report: Report) -> None:
     stored = read_scores(folder)
     rows = [row for row in stored.rows if row["metric"] not in names]
     digests = {name: value for name, value in stored.digests.items() if name not in names}
-    rows += _Scorer(job, folder, report).rows(wanted)
-    # A metric that ended the process gets its rows but no digest: it is tried again next time.
-    digests |= {metric.name: metric.digest for metric in wanted if metric.name not in job.poisoned}
+    scorer = _Scorer(job, folder, report)
+    rows += scorer.rows(wanted)
+    # A metric that ended the process or lacks its probe gets its rows but no digest: it is tried again next time.
+    again = {*job.poisoned, *scorer.blind}
+    digests |= {metric.name: metric.digest for metric in wanted if metric.name not in again}
     order = {metric.name: index for index, metric in enumerate(job.metrics)}
     place = {row["clip_id"]: index for index, row in enumerate(json.loads((folder / ITEMS).read_bytes()))}
     variants = {variant: index for index, variant in enumerate(job.variants)}
@@ -142,6 +145,9 @@ class _Scorer:
         source, target = job.cell.styles
         self.task = StyleTask(source, target, npz.load(folder / TARGET).skeleton)
         self._clips: dict[str, MotionClip] = {}
+        self._probes = LoadedProbes(job.folder, job.probes)
+        #: Metrics whose probe could not be fitted.
+        self.blind: set[str] = set()
 
     def rows(self, metrics: list[MetricJob]) -> list[Row]:
         """The rows of ``metrics``."""
@@ -155,7 +161,8 @@ class _Scorer:
                     continue
                 except Exception as failure:  # a plug-in may raise anything
                     error = describe(failure)
-            rows += [_row({}, variant, job, None, "failed", error) for variant in self.job.variants]
+            rows += [self._row({}, variant, job, None, "failed", error) for variant in self.job.variants]
+        ready = [pair for pair in ready if self._sees(pair[0], rows)]
         by_clip = [pair for pair in ready if pair[1].info.scope == "clip"]
         by_set = [pair for pair in ready if pair[1].info.scope == "set"]
         kept: dict[str, list[Sample]] = {variant: [] for variant in self.job.variants}
@@ -207,7 +214,25 @@ class _Scorer:
             extras.get("time_map"),
             extras.get("contacts"),
             item["copied_from"],
+            self._round_trip(item["stem"]),
+            self._probes.loaded,
         )
+
+    def _round_trip(self, stem: str) -> MotionClip | None:
+        from benchmark.motion import npz
+
+        path = self.folder / OUTPUTS / f"{stem}.{ROUND_TRIP}.npz"
+        return npz.load(path) if path.is_file() else None
+
+    def _sees(self, job: MetricJob, rows: list[Row]) -> bool:
+        """Whether the metric's probe is there; where it is not, its rows say why."""
+        problem = self._probes.problem(job.probe) if job.probe else None
+        if problem is None:
+            return True
+        rows += [self._row({}, variant, job, None, *problem) for variant in self.job.variants]
+        if problem[0] == "failed":
+            self.blind.add(job.name)
+        return False
 
     def _clip(self, clip_id: str) -> MotionClip:
         if clip_id not in self._clips:
@@ -218,21 +243,26 @@ class _Scorer:
         self, item: Row, variant: str, job: MetricJob, metric: Metric, sample: Sample | None, problem: tuple[str, str]
     ) -> Row:
         if sample is None:
-            return _row(item, variant, job, None, *problem)
+            return self._row(item, variant, job, None, *problem)
         needs = metric.info.needs
         if needs == "reference" and not sample.references:
             why = f"there is no other real {self.task.target_style} clip of {item['action']!r} outside the training set"
-            return _row(item, variant, job, None, "skipped", why)
+            return self._row(item, variant, job, None, "skipped", why)
         if needs == "truth" and sample.truth is None:
-            return _row(item, variant, job, None, "skipped", "the true performance is known of generated clips only")
+            return self._row(
+                item, variant, job, None, "skipped", "the true performance is known of generated clips only"
+            )
         self.report("metric", 0.0, job.name)
-        return _row(item, variant, job, *_value(lambda: metric.compute(sample)))
+        return self._row(item, variant, job, *_value(lambda: metric.compute(sample)))
 
     def _set_row(self, variant: str, job: MetricJob, metric: Metric, samples: list[Sample]) -> Row:
         if not samples:
-            return _row({}, variant, job, None, "skipped", "no clip was transferred")
+            return self._row({}, variant, job, None, "skipped", "no clip was transferred")
         self.report("metric", 1.0, job.name)
-        return _row({}, variant, job, *_value(lambda: metric.compute_set(samples)))
+        return self._row({}, variant, job, *_value(lambda: metric.compute_set(samples)))
+
+    def _row(self, item: Row, variant: str, job: MetricJob, value: float | None, status: str, reason: str) -> Row:
+        return _row(item, variant, job, value, status, reason, self._probes.digest(job.probe))
 
 
 def _value(compute: Any) -> tuple[float | None, str, str]:
@@ -252,7 +282,7 @@ def _value(compute: Any) -> tuple[float | None, str, str]:
     return number, "ok", ""
 
 
-def _row(item: Row, variant: str, job: MetricJob, value: float | None, status: str, reason: str) -> Row:
+def _row(item: Row, variant: str, job: MetricJob, value: float | None, status: str, reason: str, probe: str) -> Row:
     return {
         "clip_id": item.get("clip_id", ""),
         "actor": item.get("actor", ""),
@@ -261,7 +291,7 @@ def _row(item: Row, variant: str, job: MetricJob, value: float | None, status: s
         "variant": variant,
         "metric": job.name,
         "metric_version": job.version,
-        "probe_digest": "",
+        "probe_digest": probe,
         "value": value,
         "unit": job.unit,
         "status": status,

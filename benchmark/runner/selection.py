@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
-from benchmark.api import Capabilities, Method, Metric, MetricInfo
+from benchmark.api import Capabilities, Method, Metric, MetricInfo, Probe
 from benchmark.config import parse_value
 from benchmark.digest import code_digest, digest, module_files
 from benchmark.errors import ConfigError, ContractError, RegistryError, UnknownNameError
-from benchmark.registry import Registry
+from benchmark.registry import PROBES, Registry
 
 _REQUEST = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<inside>[^\[\]]*)\])?")
 
@@ -50,14 +50,28 @@ class MethodChoice:
 
 
 @dataclass(frozen=True)
+class ProbeChoice:
+    """One probe, with the digest of its code; ``error`` as in :class:`MethodChoice`."""
+
+    name: str
+    target: str
+    digest: str = ""
+    error: str | None = None
+
+
+@dataclass(frozen=True)
 class MetricChoice:
-    """One metric, with a digest of everything of its own that can change its values; ``error`` as in :class:`MethodChoice`."""
+    """One metric, with a digest of everything of its own that can change its values, and the probe that it names.
+
+    ``error`` as in :class:`MethodChoice`.
+    """
 
     name: str
     target: str
     digest: str = ""
     info: MetricInfo | None = None
     error: str | None = None
+    probe: ProbeChoice | None = None
 
 
 def choose_methods(
@@ -167,7 +181,7 @@ def make_choice(
     )
 
 
-def choose_metrics(registry: Registry, requests: Iterable[str]) -> list[MetricChoice]:
+def choose_metrics(registry: Registry, requests: Iterable[str], probes: Registry = PROBES) -> list[MetricChoice]:
     """Resolve ``requests`` in order, without repeats; errors as in :func:`choose_methods`."""
     chosen: dict[str, MetricChoice] = {}
     for request in requests:
@@ -175,19 +189,33 @@ def choose_metrics(registry: Registry, requests: Iterable[str]) -> list[MetricCh
         for name in registry.select(request):
             if name not in chosen:
                 try:
-                    chosen[name] = _metric_choice(registry, name)
-                except (RegistryError, ContractError) as error:
+                    chosen[name] = _metric_choice(registry, name, probes)
+                except (RegistryError, ContractError, UnknownNameError) as error:
                     if not wide:
                         raise
                     chosen[name] = MetricChoice(name, registry.entry(name).target, error=str(error))
     return list(chosen.values())
 
 
-def _metric_choice(registry: Registry, name: str) -> MetricChoice:
+def _metric_choice(registry: Registry, name: str, probes: Registry) -> MetricChoice:
     metric = make_metric(registry.get(name), name)
     code = class_digest(type(metric), metric.info.code_deps)
-    own = {"name": name, "version": metric.info.version, "code": code, "probe": metric.info.probe}
-    return MetricChoice(name, registry.entry(name).target, digest(own), metric.info)
+    probe = choose_probe(probes, metric.info.probe) if metric.info.probe else None
+    own = {"name": name, "version": metric.info.version, "code": code, "probe": probe.digest if probe else ""}
+    return MetricChoice(name, registry.entry(name).target, digest(own), metric.info, probe=probe)
+
+
+def choose_probe(registry: Registry, name: str) -> ProbeChoice:
+    """The probe registered as ``name``; a :class:`~benchmark.errors.ContractError` if it is none."""
+    entry, cls = registry.entry(name), registry.get(name)
+    if not (isinstance(cls, type) and issubclass(cls, Probe)) or inspect.isabstract(cls):
+        raise ContractError(f"probe {name!r} from {entry.origin}: {cls!r} is not a complete subclass of Probe")
+    if cls.info.name != name:
+        raise ContractError(f"probe {name!r} calls itself {cls.info.name!r}: the two names must be the same")
+    if not importable(cls):
+        raise ContractError(f"probe {name!r}: define it in a module that worker processes can import")
+    own = {"name": name, "version": cls.info.version, "code": class_digest(cls, cls.info.code_deps)}
+    return ProbeChoice(name, entry.target, digest(own))
 
 
 def make_metric(registered: Any, name: str) -> Metric:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from benchmark.runner.execute import execute_cell
 from benchmark.runner.job import CellJob, Report
+from benchmark.runner.probes import ProbeJob, fit_probe
 from benchmark.runner.score import score_cell
 
 #: Environment variables by which numerical libraries take their number of threads.
@@ -30,8 +31,11 @@ THREAD_VARIABLES = (
 _PR_SET_PDEATHSIG = 1
 
 
-def work(job: CellJob, report: Report) -> None:
-    """Execute the cell if asked to, then score what is stored."""
+def work(job: CellJob | ProbeJob, report: Report) -> None:
+    """Fit the probe; or execute the cell if asked to, then score what is stored."""
+    if isinstance(job, ProbeJob):
+        fit_probe(job, report)
+        return
     if job.execute:
         report("execute", 0.0, "")
         execute_cell(job, report)
@@ -40,7 +44,7 @@ def work(job: CellJob, report: Report) -> None:
         score_cell(job, report)
 
 
-def main(connection: Connection, job: CellJob, output: Path) -> None:
+def main(connection: Connection, job: CellJob | ProbeJob, output: Path) -> None:
     """Body of a worker process: everything printed goes to ``output``, everything reported to ``connection``."""
     _die_with_parent(connection)
     with output.open("wb", buffering=0) as file:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import TypeVar
 from weakref import WeakKeyDictionary
@@ -83,3 +83,18 @@ def over_references(sample: Sample, value: Callable[[MotionClip], float]) -> flo
     if not values:
         raise NotApplicableError(f"no reference has a value: {reason}")
     return float(np.median(values))
+
+
+def real_set(samples: Iterable[Sample]) -> list[MotionClip]:
+    """The real target clips that a set of results is compared with: every reference of any of them, by clip id.
+
+    Clips that a result is a copy of are left out, so that the row of real performers is held against other performances.
+    :class:`~benchmark.api.NotApplicableError` if none is left.
+    """
+    samples = list(samples)
+    copied = {sample.copied_from for sample in samples}
+    found = {clip.meta.clip_id: clip for sample in samples for clip in sample.references}
+    left = [found[name] for name in sorted(found) if name not in copied]
+    if not left:
+        raise NotApplicableError("there is no real target clip outside the training set to compare with")
+    return left

@@ -105,6 +105,9 @@ class CycleGan(Method):
         Whether to remove peaks (Hampel filter, 7 frames, 3 deviations).
     cutoff
         Hertz of the zero-phase low-pass (second-order Butterworth, both ways); 0 for none.
+    return_trip
+        Whether a transfer also hands out the clip taken to the target style and back, for the metric of the double
+        translation; it costs as much again.
     """
 
     info = MethodInfo(
@@ -162,6 +165,7 @@ class CycleGan(Method):
         blend: str | None = None,
         peaks: bool | None = None,
         cutoff: float | None = None,
+        return_trip: bool | None = None,
     ) -> None:
         self.preset = preset
         self.convolution = convolution
@@ -193,6 +197,7 @@ class CycleGan(Method):
         self.blend = blend
         self.peaks = peaks
         self.cutoff = cutoff
+        self.return_trip = return_trip
 
     @classmethod
     def test_params(cls) -> list[dict[str, Any]]:
@@ -267,7 +272,8 @@ class CycleGan(Method):
         """Put ``source`` into the target style on ``task.target_skeleton``, frame for frame at its own rate."""
         skeleton = source.skeleton if task.target_skeleton is None else task.target_skeleton
         clip, raw = self._translated(source, skeleton, "forth")
-        return TransferResult(clip, raw_clip=raw)
+        back = self.round_trip(source) if self.settings_["return_trip"] else None
+        return TransferResult(clip, raw_clip=raw, round_trip=back)
 
     def reverse(self, clip: MotionClip, skeleton: Skeleton | None = None) -> MotionClip:
         """A clip of the target style in the source style, on ``skeleton`` or its own."""

@@ -158,6 +158,18 @@ def test_there_and_back_uses_both_generators(small):
     assert float(quat.angle(there.rotations, around.rotations).max()) > 1e-4
 
 
+def test_the_return_trip_is_handed_out_when_asked_for(small, tmp_path):
+    source = perform("walk", ADULT, 3)
+    assert small.transfer(source, TASK, rng=rng()).round_trip is None
+    small.save(tmp_path)
+    asked = CycleGan.load(tmp_path)
+    asked.settings_ = {**asked.settings_, "return_trip": True}
+    result = asked.transfer(source, TASK, rng=rng())
+    assert result.round_trip is not None
+    assert result.round_trip.skeleton == source.skeleton
+    assert np.array_equal(result.round_trip.rotations, small.round_trip(source).rotations)
+
+
 class Interrupted(Exception):
     pass
 

@@ -17,6 +17,8 @@ from benchmark.api import (
     Metric,
     MetricInfo,
     NotApplicableError,
+    Probe,
+    ProbeInfo,
     Supervision,
     TransferResult,
 )
@@ -367,6 +369,83 @@ class Crash(Metric):
     def compute(self, sample):
         os.abort()
 
+
+class MeanHeight(Probe):
+    """Mean height of the root over the training clips of the target style, and a number drawn at random."""
+
+    info = ProbeInfo("mean-height", "mean height in training")
+
+    def fit(self, train, task, *, rng, ctx):
+        self.height_ = float(np.mean([clip.root[:, 1].mean() for clip in train.clips(task.target_style)]))
+        self.drawn_ = float(rng.random())
+        return self
+
+    def save(self, folder):
+        folder.mkdir(parents=True)
+        (folder / "probe.json").write_text(json.dumps([self.height_, self.drawn_]))
+
+    @classmethod
+    def load(cls, folder):
+        probe = cls()
+        probe.height_, probe.drawn_ = json.loads((folder / "probe.json").read_text())
+        return probe
+
+
+class Blind(MeanHeight):
+    info = ProbeInfo("blind", "has nothing to learn from")
+
+    def fit(self, train, task, *, rng, ctx):
+        raise NotApplicableError("nothing to learn from")
+
+
+class Lame(MeanHeight):
+    """Fails unless the environment says otherwise."""
+
+    info = ProbeInfo("lame", "fails")
+
+    def fit(self, train, task, *, rng, ctx):
+        if os.environ.get("FAKE_LAME") == "abort":
+            os.abort()
+        if os.environ.get("FAKE_LAME") != "heal":
+            raise ValueError("it hurts")
+        return super().fit(train, task, rng=rng, ctx=ctx)
+
+
+NO_PROBES: dict[str, str] = {}
+PROBES = {"mean-height": "fakebench:MeanHeight", "blind": "fakebench:Blind", "lame": "fakebench:Lame"}
+
+
+class AboveMean(Metric):
+    """Height of the root over that in training."""
+
+    info = MetricInfo("probed/height", "height over training", "m", "none", probe="mean-height")
+
+    def compute(self, sample):
+        return float(sample.clip.root[:, 1].mean()) - sample.probes[self.info.probe].height_
+
+
+class Drawn(AboveMean):
+    info = MetricInfo("probed/drawn", "the probe's number", "1", "none", scope="set", probe="mean-height")
+
+    def compute_set(self, samples):
+        return samples[0].probes[self.info.probe].drawn_
+
+
+class Unseen(AboveMean):
+    info = MetricInfo("probed/blind", "through a probe that does not apply", "1", "none", probe="blind")
+
+
+class Hurt(AboveMean):
+    info = MetricInfo("probed/lame", "through a probe that fails", "1", "none", probe="lame")
+
+
+PROBED_METRICS = {
+    "test/height": "fakebench:Height",
+    "probed/height": "fakebench:AboveMean",
+    "probed/drawn": "fakebench:Drawn",
+    "probed/blind": "fakebench:Unseen",
+    "probed/lame": "fakebench:Hurt",
+}
 
 METHODS = {
     cls.info.name: f"fakebench:{cls.__name__}"

@@ -1,0 +1,1 @@
+"""Trained evaluators: classifiers and feature extractors that metrics look through."""
