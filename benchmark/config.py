@@ -101,7 +101,7 @@ class RunConfig(_Strict):
     time_limit
         Seconds after which a cell is ended; ``None`` for no limit.
     jobs
-        Cells at a time, each in a process of its own.
+        Cells at a time, each in a process of its own; ``None`` for one on each core that memory allows.
     threads
         Threads of the numerical libraries in each process. Part of a cell's key, because the order of sums depends on it;
         never derived from ``jobs``, so that results do not depend on those.
@@ -125,7 +125,7 @@ class RunConfig(_Strict):
     overwrite: Overwrite = "missing"
     force: tuple[str, ...] = ()
     time_limit: Annotated[float, Field(gt=0)] | None = None
-    jobs: Annotated[int, Field(ge=1)] = 1
+    jobs: Annotated[int, Field(ge=1)] | None = None
     threads: Annotated[int, Field(ge=1)] = 1
     device: Literal["auto", "cpu", "cuda"] = "auto"
     backend: Literal["processes", "serial"] = "processes"

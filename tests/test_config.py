@@ -25,7 +25,7 @@ def test_layers_in_order(settings):
     assert (config.repetitions, config.limit) == (2, 9)  # file over preset
     assert config.seed == 8  # flags over file
     assert (config.split.fold, config.split.seed) == (3, 4)  # tables are merged
-    assert config.jobs == 1  # default
+    assert config.jobs is None  # default
 
 
 def test_a_file_can_name_a_preset(settings):

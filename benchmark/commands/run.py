@@ -59,7 +59,12 @@ asked for, 3 done but some cells failed, 130 interrupted.
 @click.option("--limit", type=int, help="Transfer only so many test clips, for a quick look.")
 @click.option("--variants", help="raw, cleaned or raw,cleaned: without and with the common foot lock.")
 @click.option("--out", "-o", type=click.Path(path_type=Path), help="Run folder [default: runs/DATASET-TASK].")
-@click.option("--jobs", "-j", type=int, help="Cells at a time, in processes of their own.")
+@click.option(
+    "--jobs",
+    "-j",
+    type=int,
+    help="Cells at a time, in processes of their own [default: as many as cores and memory allow].",
+)
 @click.option("--threads", type=int, help="Threads of the numerical libraries in each process [default: 1].")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), help="Where methods that can use a GPU run.")
 @click.option("--backend", type=click.Choice(["processes", "serial"]), help="serial: in this process, for a debugger.")

@@ -60,6 +60,18 @@ class Backend(Protocol):
         """Run every job."""
 
 
+#: Memory in bytes that is reckoned with for each cell at work.
+MEMORY_PER_JOB = 2 << 30
+
+
+def default_jobs(threads: int) -> int:
+    """Cells at a time where nobody said: as many as the cores of this process and the free memory allow, at least one."""
+    import psutil
+
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores // threads, psutil.virtual_memory().available // MEMORY_PER_JOB))
+
+
 def make_backend(name: str, *, jobs: int, time_limit: float | None) -> Backend:
     """The backend called ``processes`` or ``serial``."""
     if name == "serial":

@@ -15,7 +15,7 @@ from benchmark.digest import canonical_json
 from benchmark.errors import ConfigError, DataError, RegistryError, StoreError, UnknownNameError
 from benchmark.registry import METHODS, METRICS, PROBES, Registry
 from benchmark.runner import provenance
-from benchmark.runner.backends import Observer, make_backend
+from benchmark.runner.backends import Observer, default_jobs, make_backend
 from benchmark.runner.job import CellJob, DatasetSource, MetricJob, pack, scoring_digest
 from benchmark.runner.plan import Cell, make_plan
 from benchmark.runner.probes import probe_jobs
@@ -251,7 +251,7 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
                 if execute or missing_metrics(store.cell(cell.key), metric_jobs):
                     jobs.append(job)
         if jobs or not (folder / ENVIRONMENT).is_file():
-            write_json(folder / ENVIRONMENT, provenance.environment(threads=config.threads, jobs=config.jobs))
+            write_json(folder / ENVIRONMENT, provenance.environment(threads=config.threads, jobs=_jobs(config)))
         return _work(folder, prepared.cells, config, jobs, metric_jobs, prepared.metrics, observer)
 
 
@@ -265,7 +265,7 @@ def _work(
     observer: Observer,
 ) -> Outcome:
     if jobs:
-        backend = make_backend(config.backend, jobs=config.jobs, time_limit=config.time_limit)
+        backend = make_backend(config.backend, jobs=_jobs(config), time_limit=config.time_limit)
         named = {choice.probe.name: choice.probe for choice in chosen if choice.probe is not None}
         fits, places = probe_jobs(jobs, named.values())
         if fits:
@@ -282,6 +282,12 @@ def _work(
     executed = sum(job.execute for job in jobs)
     planned = sum(cell.fate == "run" for cell in cells)
     return Outcome(folder, cells, states, executed, len(jobs) - executed, planned - len(jobs), not current)
+
+
+def _jobs(config: RunConfig) -> int:
+    if config.backend == "serial":
+        return 1
+    return config.jobs or default_jobs(config.threads)
 
 
 def score(

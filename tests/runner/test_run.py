@@ -391,3 +391,23 @@ def test_metrics_fail_alone(make, go, results):
     assert "metrics that failed on some clips: test/broken, test/crash, test/infinite" in told.getvalue()
     again = go(make("copy", metrics=metrics), metrics=metrics)
     assert (again.executed, again.scored) == (0, 2), "only the metric that crashed is tried again"
+
+
+def test_the_number_of_processes_fits_cores_and_memory(monkeypatch):
+    import os
+    from types import SimpleNamespace
+
+    import psutil
+
+    from benchmark.runner import backends
+
+    def jobs(cores: int, gigabytes: int, threads: int) -> int:
+        monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(cores)), raising=False)
+        free = SimpleNamespace(available=gigabytes << 30)
+        monkeypatch.setattr(psutil, "virtual_memory", lambda: free)
+        return backends.default_jobs(threads)
+
+    assert jobs(8, 64, 1) == 8
+    assert jobs(8, 64, 4) == 2
+    assert jobs(8, 6, 1) == 3
+    assert jobs(1, 1, 2) == 1

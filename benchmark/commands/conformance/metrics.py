@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from importlib.util import find_spec
 
 import numpy as np
 
-from benchmark.api import Metric, MetricInfo, NotApplicableError, Sample, StyleTask
+from benchmark.api import Metric, MetricInfo, NotApplicableError, Probe, Sample, StyleTask
 from benchmark.commands.conformance.figures import ADULT, CHILD, MEASURED_ACTIONS, perform
 from benchmark.commands.conformance.methods import fingerprint
 from benchmark.commands.conformance.outcome import (
@@ -23,6 +23,7 @@ from benchmark.commands.conformance.outcome import (
 )
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.retarget import retarget
+from benchmark.registry import PROBES
 
 _NAME = re.compile(r"[a-z][a-z0-9-]*/[a-z0-9][a-z0-9-]*")
 
@@ -36,7 +37,19 @@ class MetricBench:
     @cached_property
     def samples(self) -> tuple[Sample, ...]:
         """An adult's clip of each action put on a child's body, with references and truth."""
-        return tuple(sample_of(action) for action in MEASURED_ACTIONS)
+        return self.fresh_samples()
+
+    @cached_property
+    def probes(self) -> Mapping[str, Probe]:
+        """The probe that the metric names, fitted to a handful of clips."""
+        from benchmark.commands.conformance.probes import fitted
+
+        name = self.metric.info.probe
+        return {name: fitted(name)} if name else {}
+
+    def fresh_samples(self) -> tuple[Sample, ...]:
+        """The samples again, of clips that nothing is remembered of."""
+        return tuple(sample_of(action, self.probes) for action in MEASURED_ACTIONS)
 
     def value(self, *samples: Sample) -> float:
         """The value for one sample, or for all in a set."""
@@ -55,8 +68,8 @@ class MetricBench:
         return found
 
 
-def sample_of(action: str) -> Sample:
-    """An adult's take on a child's body, two real takes of other children, and a truth."""
+def sample_of(action: str, probes: Mapping[str, Probe] | None = None) -> Sample:
+    """An adult's take on a child's body, two real takes of other children, a truth, and another take for the way back."""
     source = perform(action, ADULT, 3)
     target = perform(action, CHILD, 1).skeleton
     return Sample(
@@ -65,6 +78,8 @@ def sample_of(action: str) -> Sample:
         references=(perform(action, CHILD, 2), perform(action, CHILD, 4)),
         truth=retarget(perform(action, CHILD, 3), target),
         task=StyleTask(ADULT, CHILD, target),
+        round_trip=retarget(perform(action, ADULT, 4), source.skeleton),
+        probes=probes or {},
     )
 
 
@@ -91,6 +106,7 @@ def _info(bench: MetricBench) -> None:
         info.needs in ("none", "reference", "truth"), f"info.needs {info.needs!r} is none of none, reference, truth"
     )
     require(info.scope in ("clip", "set"), f"info.scope {info.scope!r} is neither clip nor set")
+    require(not info.probe or info.probe in PROBES, f"info.probe {info.probe!r} is no registered probe")
     for module in info.code_deps:
         try:
             found = find_spec(module) is not None
@@ -119,7 +135,7 @@ def _short(bench: MetricBench) -> None:
 
 
 def _repeatable(bench: MetricBench) -> None:
-    first, second = bench.values(bench.samples), bench.values(tuple(sample_of(action) for action in MEASURED_ACTIONS))
+    first, second = bench.values(bench.samples), bench.values(bench.fresh_samples())
     require(first == second, "the same sample gives two values")
 
 
