@@ -22,6 +22,8 @@ def clustered_mean(
 ) -> Interval:
     """Mean of ``values`` with a two-stage bootstrap interval: clusters are drawn first, then observations within each.
 
+    Of m clusters, m - 1 are drawn: with a handful, a draw of m would show only (m - 1) / m of their variance.
+
     Parameters
     ----------
     values
@@ -40,7 +42,7 @@ def clustered_mean(
     Notes
     -----
     Davison and Hinkley, *Bootstrap Methods and their Application* (1997), section 3.8, sampling with replacement at
-    both stages.
+    both stages; Rao and Wu (1988) for m - 1 of m, as in :mod:`eval.stats.panel`.
     """
     array = np.asarray(values, dtype=np.float64)
     labels = np.asarray([str(cluster) for cluster in clusters])
@@ -54,7 +56,7 @@ def clustered_mean(
     groups = [array[labels == label] for label in np.unique(labels)]
     rng = np.random.default_rng(seed)
     # Sums and counts of one resampled copy of every (draw, slot), gathered by the cluster drawn for that slot.
-    drawn = rng.integers(len(groups), size=(resamples, len(groups)))
+    drawn = rng.integers(len(groups), size=(resamples, max(1, len(groups) - 1)))
     totals, counts = np.zeros(resamples), np.zeros(resamples)
     for index, group in enumerate(groups):
         rows, _ = np.nonzero(drawn == index)
