@@ -10,4 +10,5 @@ BUILTIN: dict[str, str] = {
     "hsu": "methods.hsu.method:Hsu",
     "holden": "methods.holden.method:Holden",
     "cyclegan": "methods.cyclegan.method:CycleGan",
+    "cyclegan-kc": "methods.cyclegan_kc.method:CycleGanKc",
 }
