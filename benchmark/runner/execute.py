@@ -41,6 +41,9 @@ ITEMS, TARGET, MODEL, OUTPUTS = "items.json", "target-skeleton.npz", "model", "o
 #: Training curves, which a method that trains writes beside its model and which are kept beside the results.
 CURVES = "train.parquet"
 
+#: Training curves for TensorBoard, which a method writes in its working folder if asked to, kept beside the results.
+EVENTS = "tensorboard"
+
 #: In the name of a result that was translated back to the source style.
 ROUND_TRIP = "round-trip"
 
@@ -149,6 +152,8 @@ def _run(job: CellJob, store: RunStore, folder: Path, log: _Log) -> dict[str, An
     curves = folder / MODEL / CURVES
     if curves.is_file():
         curves.replace(folder / CURVES)
+    if (work / EVENTS).is_dir():
+        (work / EVENTS).replace(folder / EVENTS)
     (folder / ITEMS).write_text(json.dumps(rows, indent=1, sort_keys=True, ensure_ascii=False), encoding="utf-8")
     return {
         "costs": {

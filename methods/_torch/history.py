@@ -1,11 +1,18 @@
-"""Loss curves: rows in memory, a parquet file, and TensorBoard where it is installed."""
+"""Loss curves: rows in memory, a parquet file, and TensorBoard where it is asked for."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+from benchmark.errors import ConfigError
+
+#: Environment variable that has loss curves written for TensorBoard, too: any value but 0. It is no setting of a method, as
+#: it changes no result.
+TENSORBOARD = "BENCHMARK_TENSORBOARD"
 
 
 class History:
@@ -25,11 +32,30 @@ class History:
         return len(self.rows)
 
     def watch(self, folder: Path, step: int) -> None:
-        """Also write rows for TensorBoard, where it is installed, in place of what it has after ``step``."""
-        if find_spec("tensorboard") is not None:
-            from torch.utils.tensorboard import SummaryWriter
+        """Also write rows for TensorBoard into ``folder``, if the environment variable :data:`TENSORBOARD` says so.
 
-            self._writer = SummaryWriter(str(folder), purge_step=step)
+        Parameters
+        ----------
+        folder
+            Made if it is not there. Events of an attempt that was interrupted stay in files of their own.
+        step
+            Steps done. What such an attempt wrote of later ones is void; they are done again.
+
+        Raises
+        ------
+        ConfigError
+            If the package is not installed.
+        """
+        if os.environ.get(TENSORBOARD, "0") in ("", "0"):
+            return
+        if find_spec("tensorboard") is None:
+            raise ConfigError(
+                f"{TENSORBOARD} is set, but the package tensorboard is not installed: install it by "
+                "pip install -c constraints.txt -e '.[tensorboard]', or unset the variable"
+            )
+        from torch.utils.tensorboard import SummaryWriter
+
+        self._writer = SummaryWriter(str(folder), purge_step=step + 1)
 
     def add(self, row: Mapping[str, float]) -> None:
         """Add a row."""

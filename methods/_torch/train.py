@@ -35,6 +35,9 @@ from methods._torch.weights import read_tensors, under, write_tensors
 Losses = Mapping[str, Tensor | float]
 Sampler = Callable[[int, np.random.Generator], NDArray[np.int64]]
 
+#: Folder of the events for TensorBoard beside the checkpoints, with one folder for each stage.
+EVENTS = "tensorboard"
+
 #: A loss above this multiple of the largest of 1 and its first value counts as diverged.
 DIVERGED = 1e4
 
@@ -171,7 +174,7 @@ def train(
     validate
         Called after each epoch; its losses join the history as columns of their own. Must change nothing that is in ``states``.
     folder
-        Where the checkpoint ``NAME.safetensors`` is kept; ``None``: nowhere.
+        Where the checkpoint ``NAME.safetensors`` is kept, and ``tensorboard/NAME`` if asked for; ``None``: nowhere.
     name
         Of the checkpoint, for methods that train in several stages.
     report
@@ -269,7 +272,7 @@ class _Run:
 
         self.at, self.history = _At(), History()
         self.unread: list[Losses] = []
-        self.folder = folder
+        self.folder, self.name = folder, name
         self.path = None if folder is None else folder / f"{name}.safetensors"
         # Not whatever only says how often to write: that may differ from one attempt to the next.
         essential = {key: value for key, value in asdict(settings).items() if not key.startswith("checkpoint")}
@@ -423,7 +426,7 @@ class _Run:
             self.first_step = self.saved_step = self.at.step
             self.seconds_before = self.at.seconds
         if self.folder is not None:
-            self.history.watch(self.folder / "tensorboard", self.at.step)
+            self.history.watch(self.folder / EVENTS / self.name, self.at.step)
 
     def _diverged(self, what: str) -> str:
         kept = ""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from methods.cyclegan.generator import JointConv, Whitening
+from methods.cyclegan.generator import JointConv, Whitening, convolve
 
 
 class Discriminator(nn.Module):
@@ -69,6 +69,4 @@ class Discriminator(nn.Module):
         if self.whitening is not None:
             x = self.whitening(x)
         x = x.reshape(1, -1, *x.shape[2:])
-        for layer in self.layers:
-            x = layer(x)
-        return x[0, 0]
+        return convolve(x, self.layers)[0, 0]

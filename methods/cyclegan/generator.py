@@ -5,14 +5,14 @@ Words are (J, 4, T, B): joints, quaternion components, frames, words.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from methods.cyclegan.layers import bias_act, grouped_conv, grouped_upsample, norm_act
+from methods.cyclegan.layers import Layer, chain
 
 #: ``joint``: quaternion components are channels; ``joint2d``: they are the second axis of two-dimensional kernels, the
 #: literal reading of the paper; ``overall``: kernels over time and joints, shared by all joints, its negative result.
@@ -48,21 +48,30 @@ def _spread(taps: int, padding: str, *, transposed: bool = False) -> Tensor:
 
 
 class JointConv(nn.Module):
-    """A temporal convolution with its own kernel for each group, with norm and rectifier.
+    """The weights of a temporal convolution with its own kernel for each group, with norm and rectifier.
+
+    It is computed by :func:`convolve`, together with its neighbours.
 
     Parameters
     ----------
     groups, inputs, outputs, taps
         J, C, C', K.
     stride, padding
-        Of the time axis; ``same`` zero padding or ``reflect``.
+        Of the time axis; ``zero`` padding or ``reflect``, of ``pad`` frames, by default as many as keep the length.
     upsample
         Transposed convolution that doubles the rate, kernel 3.
     norm, slope
         ``instance`` or ``none``; slope of the rectifier below zero, 1 for none.
+    residual
+        Add the input of the layer so many places earlier.
     plane
         Kernels are (K, K) over time and the quaternion axis, whose places the channels of the tensors then are, too: ``4 C``
         in all. The kernel is spread into one along time alone, which gives the same sums in far fewer calls.
+
+    Attributes
+    ----------
+    weight
+        (K, J, C', C); (K, K, J, C', C) if ``plane``. A matrix product takes one tap as it lies there.
     """
 
     spread: Tensor
@@ -80,14 +89,22 @@ class JointConv(nn.Module):
         upsample: bool = False,
         norm: str = "none",
         slope: float = 0.0,
+        residual: int = 0,
         plane: bool = False,
     ) -> None:
         super().__init__()
-        self.stride, self.padding, self.upsample = stride, padding, upsample
-        self.pad = (taps - 1) // 2 if pad is None else pad
-        self.norm, self.slope, self.plane = norm, slope, plane
-        shape = (groups, outputs, inputs, taps, *([taps] if plane else []))
-        self.weight = nn.Parameter(torch.empty(shape))
+        self.layer = Layer(
+            taps,
+            stride=stride,
+            pad=(taps - 1) // 2 if pad is None else pad,
+            padding=padding,
+            upsample=upsample,
+            norm=norm == "instance",
+            slope=slope,
+            share=SPAN if plane else 1,
+            residual=residual,
+        )
+        self.weight = nn.Parameter(torch.empty(*([taps] * (2 if plane else 1)), groups, outputs, inputs))
         if norm == "instance":
             self.gain = nn.Parameter(torch.ones(groups, outputs))
             self.shift = nn.Parameter(torch.zeros(groups, outputs))
@@ -96,32 +113,38 @@ class JointConv(nn.Module):
         if plane:
             self.register_buffer("spread", _spread(taps, padding, transposed=upsample), persistent=False)
 
+    @property
+    def plane(self) -> bool:
+        """Whether kernels are over time and the quaternion axis."""
+        return self.weight.ndim == 5
+
     def reset(self, generator: torch.Generator) -> None:
         """Draw the weights: N(0, 0.02) under a norm, of unit gain (He et al. 2015) where nothing else sets the scale."""
-        fan = self.weight[0, 0].numel()
-        std = INIT_STD if self.norm == "instance" else (2.0 / fan) ** 0.5
+        groups, outputs, inputs = self.weight.shape[-3:]
+        taps = self.weight.shape[:-3]
+        std = INIT_STD if self.layer.norm else (2.0 / (inputs * taps.numel())) ** 0.5
         with torch.no_grad():
-            self.weight.copy_(torch.randn(self.weight.shape, generator=generator) * std)
+            drawn = torch.randn((groups, outputs, inputs, taps.numel()), generator=generator) * std
+            self.weight.copy_(drawn.permute(3, 0, 1, 2).reshape(self.weight.shape))
 
-    def kernel(self) -> Tensor:
-        """(J, C', C, K) as :func:`~methods.cyclegan.layers.grouped_conv` takes it."""
-        if not self.plane:
-            return self.weight
-        groups, outputs, inputs, taps, _ = self.weight.shape
-        wide = torch.einsum("joitk,kvu->jovuit", self.weight, self.spread).permute(0, 1, 2, 4, 3, 5)
-        return wide.reshape(groups, outputs * SPAN, inputs * SPAN, taps)
+    def tensors(self) -> list[Tensor]:
+        """Weight (K, J, C', C), and gain and shift or bias, as :func:`~methods.cyclegan.layers.chain` takes them."""
+        weight: Tensor = self.weight
+        if self.plane:
+            taps, _, groups, outputs, inputs = weight.shape
+            weight = torch.einsum("tkjoi,kvu->tjoviu", weight, self.spread)
+            weight = weight.reshape(taps, groups, outputs * SPAN, inputs * SPAN)
+        return [weight, self.gain, self.shift] if self.layer.norm else [weight, self.bias]
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(J, C, T, B) to (J, C', T', B)."""
-        kernel = self.kernel()
-        if self.upsample:
-            out = grouped_upsample(x, kernel)
-        else:
-            out = grouped_conv(x, kernel, stride=self.stride, pad=self.pad, padding=self.padding)
-        share = SPAN if self.plane else 1
-        if self.norm == "instance":
-            return norm_act(out, self.gain, self.shift, slope=self.slope, share=share)
-        return bias_act(out, self.bias, slope=self.slope, share=share)
+
+def convolve(x: Tensor, convs: Iterable[nn.Module]) -> Tensor:
+    """(J, C, T, B) through some :class:`JointConv`, one after another."""
+    layers, tensors = [], []
+    for conv in convs:
+        assert isinstance(conv, JointConv)
+        layers.append(conv.layer)
+        tensors.append(conv.tensors())
+    return chain(x, layers, tensors)
 
 
 class CrossJoint(nn.Module):
@@ -178,23 +201,25 @@ class JointTrunk(nn.Module):
         )
         self.mix = CrossJoint(joints, third) if cross_joint else None
         self.blocks = nn.ModuleList(
-            conv(third, third, 3, padding="reflect", slope=slope) for _ in range(blocks) for slope in (0.0, 1.0)
+            layer
+            for _ in range(blocks)
+            for layer in (
+                conv(third, third, 3, padding="reflect"),
+                conv(third, third, 3, padding="reflect", slope=1.0, residual=1),
+            )
         )
         self.leave = nn.ModuleList([conv(third, second, 3, upsample=True), conv(second, first, 3, upsample=True)])
         self.last = conv(first, ends, 7, padding="reflect", norm="none", slope=1.0)
 
     def forward(self, x: Tensor) -> Tensor:
         """(J, 4, T, B) to (J, 4, T, B)."""
-        for layer in self.enter:
-            x = layer(x)
-        if self.mix is not None:
-            places = x.shape[1] // self.mix.channels
-            x = self.mix(x.view(x.shape[0], self.mix.channels, places * x.shape[2], x.shape[3])).view(x.shape)
-        for k in range(0, len(self.blocks), 2):
-            x = x + self.blocks[k + 1](self.blocks[k](x))
-        for layer in self.leave:
-            x = layer(x)
-        return self.last(x)
+        rest = [*self.blocks, *self.leave, self.last]
+        if self.mix is None:
+            return convolve(x, [*self.enter, *rest])
+        x = convolve(x, self.enter)
+        places = x.shape[1] // self.mix.channels
+        x = self.mix(x.view(x.shape[0], self.mix.channels, places * x.shape[2], x.shape[3])).view(x.shape)
+        return convolve(x, rest)
 
 
 class OverallTrunk(nn.Module):

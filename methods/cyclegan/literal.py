@@ -56,14 +56,16 @@ def from_literal(x: Tensor, *, plane: bool) -> Tensor:
 def _layer(conv: nn.Module) -> nn.Sequential:
     """The textbook modules with the weights of a :class:`~methods.cyclegan.generator.JointConv`."""
     assert isinstance(conv, JointConv)
-    groups, outputs, inputs, taps = conv.weight.shape[:4]
-    plane, biased = conv.plane, conv.norm != "instance"
+    groups, outputs, inputs = conv.weight.shape[-3:]
+    layer, plane, biased = conv.layer, conv.plane, not conv.layer.norm
+    taps = layer.taps
+    weight = conv.weight.movedim((-3, -2, -1), (0, 1, 2))
     kinds: tuple[Any, Any, Any] = (nn.Conv1d, nn.ConvTranspose1d, nn.InstanceNorm1d)
     if plane:
         kinds = nn.Conv2d, nn.ConvTranspose2d, nn.InstanceNorm2d
     layers: list[nn.Module] = []
     main: Any
-    if conv.upsample:
+    if layer.upsample:
         up = kinds[1](
             groups * inputs,
             groups * outputs,
@@ -76,24 +78,24 @@ def _layer(conv: nn.Module) -> nn.Sequential:
             dtype=conv.weight.dtype,
         )
         with torch.no_grad():
-            up.weight.copy_(conv.weight.transpose(1, 2).flatten(0, 1))
+            up.weight.copy_(weight.transpose(1, 2).flatten(0, 1))
         layers.append(up)
         main = up
     else:
-        if conv.padding == "reflect":
-            layers.append((nn.ReflectionPad2d if plane else nn.ReflectionPad1d)(conv.pad))
+        if layer.padding == "reflect":
+            layers.append((nn.ReflectionPad2d if plane else nn.ReflectionPad1d)(layer.pad))
         straight = kinds[0](
             groups * inputs,
             groups * outputs,
             taps,
-            stride=(conv.stride, 1) if plane else conv.stride,
-            padding=0 if conv.padding == "reflect" else conv.pad,
+            stride=(layer.stride, 1) if plane else layer.stride,
+            padding=0 if layer.padding == "reflect" else layer.pad,
             groups=groups,
             bias=biased,
             dtype=conv.weight.dtype,
         )
         with torch.no_grad():
-            straight.weight.copy_(conv.weight.flatten(0, 1))
+            straight.weight.copy_(weight.flatten(0, 1))
         layers.append(straight)
         main = straight
     if biased:
@@ -105,6 +107,6 @@ def _layer(conv: nn.Module) -> nn.Sequential:
             norm.weight.copy_(conv.gain.flatten())
             norm.bias.copy_(conv.shift.flatten())
         layers.append(norm)
-    if conv.slope != 1.0:
-        layers.append(nn.ReLU() if conv.slope == 0.0 else nn.LeakyReLU(conv.slope))
+    if layer.slope != 1.0:
+        layers.append(nn.ReLU() if layer.slope == 0.0 else nn.LeakyReLU(layer.slope))
     return nn.Sequential(*layers)

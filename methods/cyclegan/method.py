@@ -424,14 +424,17 @@ class CycleGan(Method):
         words = self._generated(cut.windows.array, route)
         blended = overlap_add_quat(cut.restored(words), weights=chosen["blend"])
         smooth = smooth_rotations(blended, chosen["fps"], peaks=chosen["peaks"], cutoff=chosen["cutoff"])
+        # What has been low-passed already holds next to nothing that thinning could fold back.
+        low = 0.4 * source.fps
+        calm = 0 < chosen["cutoff"] <= low
         results = []
-        for rotations in (smooth, blended):
+        for rotations, folds in ((smooth, not calm), (blended, True)):
             result = _placed(clip, rotations)
             if skeleton != self.body_:
                 result = retarget(result, skeleton)
             if source.fps != chosen["fps"]:
-                if source.fps < chosen["fps"]:
-                    result = low_pass(result, 0.4 * source.fps)
+                if source.fps < chosen["fps"] and folds:
+                    result = low_pass(result, low)
                 result = sample_at(result, source.times, fps=source.fps)
             results.append(result)
         return results[0], results[1]

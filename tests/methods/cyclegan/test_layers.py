@@ -6,8 +6,9 @@ import pytest
 import torch
 from torch.nn import functional
 
-from methods.cyclegan.generator import JointTrunk, make_generator
-from methods.cyclegan.layers import grouped_conv, grouped_upsample, norm_act
+from methods.cyclegan import layers as fast
+from methods.cyclegan.generator import JointConv, JointTrunk, make_generator
+from methods.cyclegan.layers import Layer, chain
 from methods.cyclegan.literal import LiteralTrunk, from_literal, to_literal
 
 
@@ -26,6 +27,62 @@ def agree(ours, theirs, inputs, *, tolerance=1e-10):
         torch.testing.assert_close(one, two, rtol=tolerance, atol=tolerance)
 
 
+def plain_conv(x, weight, bias, layer):
+    """What torch makes of one layer without norm and rectifier; weights are taps first."""
+    groups, outputs = weight.shape[1:3]
+    flat = x.permute(3, 0, 1, 2).flatten(1, 2)
+    if layer.upsample:
+        kernel = weight.permute(1, 3, 2, 0).flatten(0, 1)
+        out = functional.conv_transpose1d(flat, kernel, stride=2, padding=1, output_padding=1, groups=groups)
+    else:
+        if layer.pad:
+            mode = "reflect" if layer.padding == "reflect" else "constant"
+            flat = functional.pad(flat, (layer.pad, layer.pad), mode=mode)
+        kernel = weight.permute(1, 2, 3, 0).flatten(0, 1)
+        out = functional.conv1d(flat, kernel, stride=layer.stride, groups=groups)
+    out = out.unflatten(1, (groups, outputs)).permute(1, 2, 3, 0)
+    return out if bias is None else out + bias[..., None, None]
+
+
+def plain_norm(x, gain, shift, layer):
+    """Instance norm and rectifier of torch."""
+    groups, channels, frames, words = x.shape
+    flat = x.permute(3, 0, 1, 2).reshape(words, groups * channels // layer.share, layer.share * frames)
+    out = functional.instance_norm(flat, weight=gain.flatten(), bias=shift.flatten(), eps=1e-5)
+    return out.reshape(words, groups, channels, frames).permute(1, 2, 3, 0)
+
+
+def plain_chain(x, layers, tensors):
+    """The same layers one by one in torch's own layout."""
+    given = [x]
+    for number, (layer, (weight, *rest)) in enumerate(zip(layers, tensors, strict=True)):
+        bias = None if layer.norm else rest[0].repeat_interleave(layer.share, dim=1)
+        out = plain_conv(given[-1], weight, bias, layer)
+        if layer.norm:
+            out = plain_norm(out, *rest, layer)
+        if layer.residual:
+            out = out + given[number - layer.residual]
+        given.append(functional.leaky_relu(out, layer.slope))
+    return given[-1]
+
+
+def drawn_tensors(layers, channels, *, groups, seed=1):
+    """Weights, and gains and shifts or biases, for layers between so many channels."""
+    tensors = []
+    for number, layer in enumerate(layers):
+        inputs, outputs = channels[number : number + 2]
+        row = [drawn(layer.taps, groups, outputs, inputs, seed=seed + 10 * number)]
+        row += [
+            drawn(groups, outputs // layer.share, seed=seed + 10 * number + k) for k in range(1, 3 if layer.norm else 2)
+        ]
+        tensors.append(row)
+    return tensors
+
+
+def flat(tensors):
+    return [tensor for row in tensors for tensor in row]
+
+
 @pytest.mark.parametrize("frames", [7, 8, 15, 60])
 @pytest.mark.parametrize(
     ("taps", "stride", "pad", "padding"),
@@ -36,45 +93,117 @@ def agree(ours, theirs, inputs, *, tolerance=1e-10):
         (3, 2, 1, "reflect"),
         (4, 2, 1, "zero"),
         (4, 1, 1, "zero"),
+        (5, 3, 2, "reflect"),
         (1, 1, 0, "zero"),
+        (1, 2, 0, "zero"),
     ],
 )
-def test_grouped_convolution_is_that_of_torch(frames, taps, stride, pad, padding):
-    groups, inputs, outputs, words = 3, 4, 5, 2
-    x, weight = drawn(groups, inputs, frames, words), drawn(groups, outputs, inputs, taps, seed=1)
-    plain = x.permute(3, 0, 1, 2).flatten(1, 2)
-    plain = functional.pad(plain, (pad, pad), mode="reflect" if padding == "reflect" else "constant")
-    theirs = functional.conv1d(plain, weight.flatten(0, 1), stride=stride, groups=groups)
-    ours = grouped_conv(x, weight, stride=stride, pad=pad, padding=padding)
-    agree(ours, theirs.unflatten(1, (groups, outputs)).permute(1, 2, 3, 0), (x, weight))
+def test_convolution_is_that_of_torch(frames, taps, stride, pad, padding):
+    layers = [Layer(taps, stride, pad, padding)]
+    x, tensors = drawn(3, 4, frames, 2), drawn_tensors(layers, (4, 5), groups=3)
+    agree(chain(x, layers, tensors), plain_chain(x, layers, tensors), (x, *flat(tensors)))
 
 
 def test_upsampling_is_the_transposed_convolution_of_torch():
-    groups, inputs, outputs, words = 3, 4, 5, 2
-    x, weight = drawn(groups, inputs, 6, words), drawn(groups, outputs, inputs, 3, seed=1)
-    theirs = functional.conv_transpose1d(
-        x.permute(3, 0, 1, 2).flatten(1, 2),
-        weight.transpose(1, 2).flatten(0, 1),
-        stride=2,
-        padding=1,
-        output_padding=1,
-        groups=groups,
-    )
-    agree(grouped_upsample(x, weight), theirs.unflatten(1, (groups, outputs)).permute(1, 2, 3, 0), (x, weight))
+    layers = [Layer(3, upsample=True)]
+    x, tensors = drawn(3, 4, 6, 2), drawn_tensors(layers, (4, 5), groups=3)
+    agree(chain(x, layers, tensors), plain_chain(x, layers, tensors), (x, *flat(tensors)))
 
 
+@pytest.mark.parametrize("norm", [True, False])
+@pytest.mark.parametrize("upsample", [True, False])
 @pytest.mark.parametrize("slope", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("share", [1, 2])
-def test_fused_norm_is_instance_norm_and_rectifier(slope, share):
-    groups, channels, frames, words = 2, 4, 6, 3
-    x = drawn(groups, channels, frames, words)
-    gain, shift = drawn(groups, channels // share, seed=1), drawn(groups, channels // share, seed=2)
-    plain = x.permute(3, 0, 1, 2).reshape(words, groups * channels // share, share * frames)
-    theirs = functional.leaky_relu(
-        functional.instance_norm(plain, weight=gain.flatten(), bias=shift.flatten(), eps=1e-5), slope
-    )
-    theirs = theirs.reshape(words, groups, channels, frames).permute(1, 2, 3, 0)
-    agree(norm_act(x, gain, shift, slope=slope, share=share), theirs, (x, gain, shift))
+def test_norm_and_rectifier_are_those_of_torch(norm, upsample, slope, share):
+    layers = [Layer(3, pad=1, upsample=upsample, norm=norm, slope=slope, share=share)]
+    x, tensors = drawn(2, 3, 6, 3), drawn_tensors(layers, (3, 4), groups=2)
+    agree(chain(x, layers, tensors), plain_chain(x, layers, tensors), (x, *flat(tensors)))
+
+
+#: Every way in which one layer hands its frames to the next: by phases, by pieces, padded, reflected, with a residual.
+CHAINS = {
+    "down and up": ([Layer(3, 2, 1, norm=True, slope=0.0), Layer(3, upsample=True, slope=0.2)], (3, 4, 2)),
+    "up and down": ([Layer(3, upsample=True, norm=True, slope=0.0), Layer(4, 2, 1, "reflect")], (3, 4, 2)),
+    "up twice": ([Layer(3, upsample=True, slope=0.0), Layer(3, upsample=True, norm=True)], (3, 4, 2)),
+    "down twice": ([Layer(3, 2, 1, slope=0.2), Layer(3, 2, 1, "reflect", norm=True), Layer(1)], (3, 4, 2, 2)),
+    "block": (
+        [
+            Layer(3, 1, 1, norm=True, slope=0.0),
+            Layer(3, 1, 1, "reflect", norm=True, slope=0.0),
+            Layer(3, 1, 1, "reflect", norm=True, residual=1),
+            Layer(3, 1, 1, "reflect", slope=0.0),
+            Layer(3, 1, 1, "reflect", residual=1),
+            Layer(7, 1, 3, "reflect", slope=0.0),
+        ],
+        (3, 4, 5, 4, 3, 4, 2),
+    ),
+    "block before a stride": (
+        [Layer(3, 1, 1, norm=True), Layer(3, 1, 1), Layer(3, 1, 1, residual=1), Layer(3, 2, 1, "reflect")],
+        (3, 4, 5, 4, 2),
+    ),
+    "longer way around": (
+        [Layer(3, 2, 1, slope=0.0), Layer(3, 1, 1), Layer(3, upsample=True, norm=True, residual=2)],
+        (4, 3, 2, 4),
+    ),
+}
+
+
+@pytest.mark.parametrize("at_once", [1, 10**9])
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_chain_is_its_layers_one_by_one(name, at_once, monkeypatch):
+    """All groups at once, and one by one."""
+    monkeypatch.setattr(fast, "AT_ONCE", at_once)
+    layers, channels = CHAINS[name]
+    x, tensors = drawn(3, channels[0], 12, 2), drawn_tensors(layers, channels, groups=3)
+    theirs = plain_chain(x, layers, tensors)
+    agree(chain(x, layers, tensors), theirs, (x, *flat(tensors)))
+    with torch.no_grad():
+        torch.testing.assert_close(chain(x, layers, tensors), theirs.detach(), rtol=1e-10, atol=1e-10)
+
+
+def test_only_what_is_asked_for_gets_a_gradient():
+    layers, channels = CHAINS["block"]
+    x, tensors = drawn(3, channels[0], 12, 2), drawn_tensors(layers, channels, groups=3)
+    whole = torch.autograd.grad(chain(x, layers, tensors).sum(), [x, *flat(tensors)])
+    frozen = [[tensor.detach() for tensor in row] for row in tensors]
+    (only_x,) = torch.autograd.grad(chain(x, layers, frozen).sum(), x)
+    assert torch.equal(only_x, whole[0])
+    given = x.detach()
+    for one, two in zip(
+        torch.autograd.grad(chain(given, layers, tensors).sum(), flat(tensors)), whole[1:], strict=True
+    ):
+        assert torch.equal(one, two)
+    frozen[2][1] = tensors[2][1]
+    (only_gain,) = torch.autograd.grad(chain(given, layers, frozen).sum(), tensors[2][1])
+    assert torch.equal(only_gain, whole[1 + 3 * 2 + 1])
+
+
+def test_gradients_handed_in_stay_as_they_are():
+    """Autograd may hand the same array to several nodes."""
+    layers, channels = CHAINS["block"]
+    x, tensors = drawn(3, channels[0], 12, 2), drawn_tensors(layers, channels, groups=3)
+    for last in (Layer(3, 1, 1), Layer(3, 1, 1, "reflect", norm=True)):
+        rows = drawn_tensors([last], (channels[-1], channels[-1]), groups=3, seed=99)
+        out = chain(x, [*layers, last], [*tensors, *rows])
+        grad = drawn(*out.shape, seed=5).detach()
+        before = grad.clone()
+        torch.autograd.grad(out, x, grad)
+        assert torch.equal(grad, before)
+
+
+def test_a_second_walk_back_is_refused():
+    layers, channels = CHAINS["block"]
+    x, tensors = drawn(3, channels[0], 12, 2), drawn_tensors(layers, channels, groups=3)
+    loss = chain(x, layers, tensors).sum()
+    torch.autograd.grad(loss, x, retain_graph=True)
+    with pytest.raises(RuntimeError, match="only once"):
+        torch.autograd.grad(loss, x)
+
+
+@pytest.mark.parametrize("odd", [{"padding": "circular"}, {"upsample": True}, {"residual": 1, "slope": 0.0}])
+def test_layers_that_there_are_not_are_refused(odd):
+    with pytest.raises(ValueError, match="no such layer"):
+        Layer(4, **odd)
 
 
 @pytest.mark.parametrize("convolution", ["joint", "joint2d"])
@@ -99,16 +228,15 @@ def test_fast_generator_equals_the_literal_one(convolution, norm, dtype, toleran
     weight = drawn(*ours.shape, seed=9).detach().to(dtype)
     mine = torch.autograd.grad(ours, [x, *trunk.parameters()], weight)
     other = torch.autograd.grad(theirs, [x, *literal.parameters()], weight)
-    # Transposed convolutions of torch keep their input channels first.
-    turned = {
-        id(module.weight)
-        for module in literal.modules()
-        if isinstance(module, torch.nn.ConvTranspose1d | torch.nn.ConvTranspose2d)
-    }
-    assert len(turned) == 2
-    for one, two, parameter in zip(mine, other, [x, *literal.parameters()], strict=True):
-        if id(parameter) in turned:
-            two = two.unflatten(0, (joints, -1)).transpose(1, 2)
+    convs = {id(module.weight): module for module in trunk.modules() if isinstance(module, JointConv)}
+    for one, two, parameter in zip(mine, other, [x, *trunk.parameters()], strict=True):
+        conv = convs.get(id(parameter))
+        if conv is not None and conv.layer.upsample:
+            # Transposed convolutions of torch keep their input channels first.
+            two = two.unflatten(0, (joints, -1)).transpose(1, 2).flatten(0, 1)
+        if conv is not None:
+            # Ours have taps first.
+            one = one.movedim((-3, -2, -1), (0, 1, 2))
         two = two.reshape(one.shape)
         size = float(two.abs().max())
         torch.testing.assert_close(one / size, two / size, rtol=0, atol=tolerance)

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 import torch
 
-from benchmark.errors import ContractError, StoreError
+from benchmark.errors import ConfigError, ContractError, StoreError
 from methods._torch.device import dropout, isolated_random
+from methods._torch.history import TENSORBOARD
 from methods._torch.schedule import linear_decay
-from methods._torch.train import Batch, DivergedError, EarlyStop, Settings, train
+from methods._torch.train import EVENTS, Batch, DivergedError, EarlyStop, Settings, train
 from methods._torch.weights import load_weights, read_tensors, save_weights
 
 CPU = torch.device("cpu")
@@ -314,3 +315,47 @@ def test_weights_come_back_and_other_networks_are_refused(tmp_path: Path) -> Non
     assert one.weights == two.weights
     with pytest.raises(StoreError, match="of another network"):
         load_weights(tmp_path / "w.safetensors", {"maker": torch.nn.Linear(4, 8)})
+
+
+def curve(folder: Path) -> list[tuple[int, float]]:
+    """What TensorBoard shows of the loss ``making``."""
+    loading = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    events = loading.EventAccumulator(str(folder))
+    events.Reload()
+    return [(event.step, event.value) for event in events.Scalars("making")]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("stop", [10, 11, 25])
+def test_tensorboard_shows_each_step_once_whatever_interrupts(
+    tmp_path: Path, stop: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("tensorboard")
+    monkeypatch.setenv(TENSORBOARD, "1")
+    first = Adversaries()
+
+    def interrupted(batch: Batch) -> dict[str, torch.Tensor]:
+        if batch.step == stop:
+            raise KeyboardInterrupt
+        return first.step(batch)
+
+    with pytest.raises(KeyboardInterrupt):
+        first.train(tmp_path, step=interrupted)
+    rows = Adversaries().train(tmp_path)
+    found = curve(tmp_path / EVENTS / "training")
+    assert [step for step, _ in found] == [row["step"] for row in rows]
+    assert [value for _, value in found] == pytest.approx([row["making"] for row in rows])
+    # Another stage has steps of its own.
+    Adversaries().train(tmp_path, name="second")
+    assert curve(tmp_path / EVENTS / "training") == found == curve(tmp_path / EVENTS / "second")
+
+
+def test_tensorboard_is_written_only_if_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for value in ("", "0"):
+        monkeypatch.setenv(TENSORBOARD, value)
+        Adversaries().train(tmp_path / value)
+        assert not (tmp_path / value / EVENTS).exists()
+    monkeypatch.setenv(TENSORBOARD, "1")
+    monkeypatch.setattr("methods._torch.history.find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match=r"tensorboard is not installed: install it by .*\[tensorboard\]"):
+        Adversaries().train(tmp_path / "asked")
