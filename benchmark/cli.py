@@ -18,10 +18,16 @@ VERBS: dict[str, tuple[str, str]] = {
     "list": ("benchmark.commands.list:list_", "What methods, metrics, datasets and figures there are."),
     "data": ("benchmark.commands.data:data", "Fetch, verify, describe and index data sets."),
     "score": ("benchmark.commands.score:score", "Score the stored clips of a run again, without refitting."),
+    "analyze": ("benchmark.commands.analyze:analyze", "Statistics of a run and of ratings, by people or simulated."),
+    "claims": ("benchmark.commands.claims:claims", "Each claim of the papers, the test of it, and whether it holds."),
     "report": ("benchmark.commands.report:report", "Write the report of a run again."),
     "figures": ("benchmark.commands.figures:figures", "Draw the figures of a run again."),
     "transfer": ("benchmark.commands.transfer:transfer", "Apply a trained method of a run to your own clip."),
     "compare": ("benchmark.commands.compare:compare", "Two runs side by side, with what differs in their settings."),
+    "metrics-check": (
+        "benchmark.commands.metrics_check:metrics_check",
+        "Spoil true performances in grades: which metric sees which fault.",
+    ),
     "new-method": ("benchmark.commands.new_method:new_method", "Write a plug-in package for a new method."),
     "check-method": ("benchmark.commands.check_method:check_method", "Run the conformance suite against a method."),
 }

@@ -228,7 +228,7 @@ class Registry:
         return load_target(entry.target, f"{self.kind} {name!r} from {entry.origin}")
 
     def describe(self, name: str) -> Description:
-        """What the source states about ``name``, by reading it and not importing it."""
+        """What the source states about ``name``, by reading it; imported only where ``info`` is made by a function."""
         entry = self.entry(name)
         if entry.value is not None:
             return Description(summary=getattr(getattr(entry.value, "info", None), "summary", ""))
@@ -240,12 +240,22 @@ class Registry:
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and node.name == entry.attribute:
                 facts = _info_call(node, self.info_fields)
+                if facts is None:
+                    return self._described(name)
                 return Description(summary=str(facts.pop("summary", "")), facts=facts)
             if isinstance(node, ast.FunctionDef) and node.name == entry.attribute:
                 return Description(summary=(ast.get_docstring(node) or "").partition("\n")[0].rstrip("."))
         if not _binds(tree, entry.attribute):
             return Description(error=f"module {entry.module!r} has no {entry.attribute!r}")
         return Description()
+
+    def _described(self, name: str) -> Description:
+        try:
+            info = self.get(name).info
+        except (RegistryError, AttributeError) as error:
+            return Description(error=str(error))
+        facts = dict(vars(info))
+        return Description(summary=str(facts.pop("summary", "")), facts=facts)
 
 
 def load_target(target: str, what: str) -> Any:
@@ -278,12 +288,13 @@ def _binds(tree: ast.Module, name: str) -> bool:
     )
 
 
-def _info_call(node: ast.ClassDef, positional: Sequence[str]) -> dict[str, Any]:
+def _info_call(node: ast.ClassDef, positional: Sequence[str]) -> dict[str, Any] | None:
+    """The literal arguments of the class's ``info``; ``None`` where a function makes it and they are not in sight."""
     for statement in node.body:
         targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
         value = getattr(statement, "value", None)
         if any(isinstance(t, ast.Name) and t.id == "info" for t in targets) and isinstance(value, ast.Call):
-            return _literals(value, positional)
+            return _literals(value, positional) if ast.unparse(value.func).endswith("Info") else None
     return {}
 
 

@@ -6,14 +6,17 @@ import base64
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmark.errors import BenchmarkError
 from reports.drawing import SavedDrawing
 from reports.run import RunView
-from reports.tables import arrow, column_names, number
+from reports.tables import arrow, by_group, column_names, number
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def write_page(run: RunView, drawings: Sequence[SavedDrawing]) -> Path:
@@ -28,7 +31,7 @@ def write_page(run: RunView, drawings: Sequence[SavedDrawing]) -> Path:
         subtitle=f"{', '.join(task.replace(':', ' to ') for task in run.tasks)}; run {run.folder.name}",
         synthetic=run.dataset == "synthetic",
         limited=_limited(run),
-        boards=[_board(run, task, variant) for task in run.tasks for variant in run.variants(task)],
+        boards=[board for task in run.tasks for variant in run.variants(task) for board in _boards(run, task, variant)],
         figures=[_figure(drawing) for drawing in drawings],
         cells=_cells(run),
         holes=_holes(run),
@@ -48,8 +51,21 @@ def _limited(run: RunView) -> str:
     return f"Only {limit} test clips were transferred (limit = {limit}): a quick look, not a result." if limit else ""
 
 
-def _board(run: RunView, task: str, variant: str) -> dict[str, Any]:
-    table = run.leaderboard(task, variant=variant)
+#: The group of metrics that the common foot lock is for; of others the page shows results without it only.
+_LOCKED = "physics"
+
+
+def _boards(run: RunView, task: str, variant: str) -> list[dict[str, Any]]:
+    """One leaderboard for each group of metrics."""
+    groups = by_group(run.leaderboard(task, variant=variant))
+    return [
+        _board(run, task, variant, group, table)
+        for group, table in groups.items()
+        if variant == "raw" or group == _LOCKED
+    ]
+
+
+def _board(run: RunView, task: str, variant: str, group: str, table: pd.DataFrame) -> dict[str, Any]:
     entries: dict[tuple[str, str], Any] = {}
     first: dict[str, Any] = {}
     entry: Any
@@ -76,7 +92,8 @@ def _board(run: RunView, task: str, variant: str) -> dict[str, Any]:
         "better, ↑ higher is better, → the value aimed at. The shaded row is the same metric on held-out performers of the "
         "target style. Hover over a value for n, or for why there is none."
     )
-    return {"task": task.replace(":", " to "), "variant": variant, "columns": columns, "rows": rows, "caption": caption}
+    title = f"{group}: {task.replace(':', ' to ')}" + ("" if variant == "raw" else f", {variant}")
+    return {"title": title, "columns": columns, "rows": rows, "caption": caption}
 
 
 def _entry(row: Any) -> dict[str, str]:

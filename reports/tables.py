@@ -43,8 +43,14 @@ def arrow(direction: str, target: float | None) -> str:
     return f"{sign} {target:g}" if direction == "target" and target is not None and np.isfinite(target) else sign
 
 
+def by_group(table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The rows of a leaderboard by the group of their metric, ``style`` of ``style/pose-distance``, in order."""
+    groups = table["metric"].str.partition("/")[0]
+    return {str(group): table[groups == group] for group in dict.fromkeys(groups)}
+
+
 def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
-    """A booktabs table, one method a row and one metric a column, mean with its 95 % interval.
+    """A booktabs table, one metric a row and one method a column, mean with its 95 % interval.
 
     Parameters
     ----------
@@ -64,29 +70,29 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
     def head(metric: str) -> str:
         row = first[metric]
         sign = rf"$\to {row.target:g}$" if row.direction == "target" else _LATEX_ARROWS.get(row.direction, "")
-        unit = "" if row.unit in ("", "1") else f" [{_escape(row.unit)}]"
-        return rf"\rotatebox{{60}}{{{_escape(names[metric])}{unit} {sign}}}"
+        unit = "" if row.unit in ("", "1") else f" [{latex_escape(row.unit)}]"
+        return f"{latex_escape(names[metric])}{unit} {sign}".strip()
 
     def body(method: str, metric: str) -> str:
         row = cells.get((method, metric))
         if row is None or not np.isfinite(row.mean):
             return "--"
+        if row.n == 1:
+            return number(row.mean)
         return rf"\shortstack[r]{{{number(row.mean)}\\{{\tiny [{number(row.low)}, {number(row.high)}]}}}}"
 
     lines = [
         "% needs: booktabs, graphicx",
         r"\begin{table}",
         r"\centering\small",
-        rf"\caption{{{_escape(caption)}}}",
+        rf"\caption{{{latex_escape(caption)}}}",
         rf"\label{{{label}}}",
-        rf"\begin{{tabular}}{{l{'r' * len(metrics)}}}",
+        rf"\begin{{tabular}}{{l{'r' * len(methods)}}}",
         r"\toprule",
-        " & ".join(["method", *map(head, metrics)]) + r" \\",
+        " & ".join(["metric", *(rf"\rotatebox{{60}}{{{latex_escape(labels[method])}}}" for method in methods)])
+        + r" \\",
         r"\midrule",
-        *(
-            " & ".join([_escape(labels[method]), *(body(method, metric) for metric in metrics)]) + r" \\"
-            for method in methods
-        ),
+        *(" & ".join([head(metric), *(body(method, metric) for method in methods)]) + r" \\" for metric in metrics),
         r"\bottomrule",
         r"\end{tabular}",
         r"\end{table}",
@@ -119,7 +125,7 @@ def markdown_leaderboard(table: pd.DataFrame) -> str:
     def body(row: Any) -> str:
         if row is None or not np.isfinite(row.mean):
             return "–"
-        return f"{number(row.mean)} [{number(row.low)}, {number(row.high)}]"
+        return f"{number(row.mean)} [{number(row.low)}, {number(row.high)}]" if row.n > 1 else number(row.mean)
 
     lines = [
         "| metric | " + " | ".join(labels.values()) + " |",
@@ -132,7 +138,8 @@ def markdown_leaderboard(table: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _escape(text: str) -> str:
+def latex_escape(text: str) -> str:
+    """Text as LaTeX prints it: special signs escaped, raised digits and the middle dot in mathematics."""
     for plain, escaped in (
         ("\\", r"\textbackslash "),
         ("{", r"\{"),
@@ -150,7 +157,10 @@ def _escape(text: str) -> str:
 
 
 def write_tables(run: RunView) -> list[Path]:
-    """Write ``tables/leaderboard-TASK-VARIANT.{csv,tex,md}`` for each task and variant; return their paths."""
+    """Write ``tables/leaderboard-TASK-VARIANT.{csv,tex,md}`` for each task and variant; return their paths.
+
+    The LaTeX file holds one table for each group of metrics.
+    """
     folder = run.folder / "tables"
     folder.mkdir(exist_ok=True)
     written = []
@@ -160,13 +170,16 @@ def write_tables(run: RunView) -> list[Path]:
             stem = f"leaderboard-{task.replace(':', '-to-')}-{variant}"
             csv, tex = folder / f"{stem}.csv", folder / f"{stem}.tex"
             table.drop(columns="label").to_csv(csv, index=False)
-            caption = (
-                f"{run.dataset_title}, {task.replace(':', ' to ')}, {variant} results: means over clips with 95 % intervals "
-                "(clustered bootstrap, actors and then their clips)."
-            )
-            tex.write_text(
-                latex_leaderboard(with_values(table), caption=caption, label=f"tab:{stem}"), encoding="utf-8"
-            )
+            how = "means over clips with 95 % intervals (clustered bootstrap, actors and then their clips)"
+            parts = [
+                latex_leaderboard(
+                    part,
+                    caption=f"{run.dataset_title}, {task.replace(':', ' to ')}, {variant} results, {group}: {how}.",
+                    label=f"tab:{stem}-{group}",
+                )
+                for group, part in by_group(with_values(table)).items()
+            ]
+            tex.write_text("\n".join(parts), encoding="utf-8")
             markdown = folder / f"{stem}.md"
             markdown.write_text(markdown_leaderboard(with_values(table)), encoding="utf-8")
             written += [csv, tex, markdown]

@@ -75,7 +75,7 @@ def test_heavy_libraries_are_imported_inside_functions():
     for path in SOURCES:
         if "_torch" in path.parts:  # the torch twin is only ever imported by code that needs torch
             continue
-        # Networks are torch modules; that methods and metrics can be listed without them is checked elsewhere: for methods by "light-import".
+        # Networks are torch modules; that methods and metrics can be listed without them the conformance tests see to.
         network = path.parent.name in ("holden", "cyclegan", "cyclegan_kc") and path.stem != "method"
         network |= path.parent.name == "probes" and path.stem in ("autoencoder", "tcn")
         allowed = {"torch"} if network else set()

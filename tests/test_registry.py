@@ -159,3 +159,17 @@ def test_every_built_in_entry_loads_and_is_what_its_name_says(registry):
         described = registry.describe(name)
         assert described.error is None
         assert described.summary == found.info.summary
+
+
+def test_an_info_made_by_a_function_is_read_by_importing(tmp_path, monkeypatch):
+    (tmp_path / "made_info.py").write_text(
+        "from types import SimpleNamespace\n"
+        "def make(name, extra):\n    return SimpleNamespace(name=name, summary=f'all about {extra}', unit='m')\n"
+        "class Thing:\n    info = make('thing', 'things')\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry = Registry("thing", "test.none")
+    registry.register("thing", "made_info:Thing")
+    found = registry.describe("thing")
+    assert found.summary == "all about things"
+    assert found.facts["unit"] == "m"

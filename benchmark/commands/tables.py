@@ -11,6 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from benchmark.runner.run import Prepared
 
 
@@ -66,20 +68,35 @@ def _group_table(task: str, group: str, rows: Sequence[dict[str, Any]]) -> Table
     table = Table(
         title=Text(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
-    table.add_column("method", no_wrap=True)
     shown = list(dict.fromkeys(row["metric"] for row in rows))
-    for metric in shown:
+    best = {metric: _best([r for r in rows if r["metric"] == metric and r["method"] != REAL]) for metric in shown}
+
+    def heading(metric: str) -> str:
         info = metrics[metric]
         aim = arrow(info["direction"], info["target"])
-        heading = f"{metric.partition('/')[2].replace('_', ' ').replace('-', ' ')} {aim}".strip()
-        table.add_column(Text(heading + ("" if info["unit"] in ("1", "B") else f" [{info['unit']}]")), justify="right")
-    best = {metric: _best([r for r in rows if r["metric"] == metric and r["method"] != REAL]) for metric in shown}
+        words = f"{metric.partition('/')[2].replace('_', ' ').replace('-', ' ')} {aim}".strip()
+        return words + ("" if info["unit"] in ("1", "B") else f" [{info['unit']}]")
+
+    def label(method: str, variant: str) -> str:
+        return method + ("" if variant == "raw" else " (cleaned)") + (" (ceiling)" if method == REAL else "")
+
+    if len(shown) > len(names):
+        # Many metrics of few methods are read down the page.
+        table.add_column("metric", no_wrap=True)
+        for name in names:
+            table.add_column(Text(label(*name)), justify="right", overflow="fold")
+        for metric in shown:
+            values = [_value(cells.get((*name, metric)), best[metric]) for name in names]
+            table.add_row(Text(heading(metric)), *values)
+        return table
+    table.add_column("method", no_wrap=True)
+    for metric in shown:
+        table.add_column(Text(heading(metric)), justify="right")
     for method, variant in names:
         if method == REAL and variant == "raw":
             table.add_section()
-        label = method + ("" if variant == "raw" else " (cleaned)") + (" (ceiling)" if method == REAL else "")
         values = [_value(cells.get((method, variant, metric)), best[metric]) for metric in shown]
-        table.add_row(Text(label), *values)
+        table.add_row(Text(label(method, variant)), *values)
     return table
 
 
@@ -105,6 +122,30 @@ def _value(row: dict[str, Any] | None, best: float | None) -> Text:
 
     shown = _bytes(row["mean"]) if row["unit"] == "B" else number(row["mean"])
     return Text(f"{shown} ({row['n']})", style="bold" if row["mean"] == best else "")
+
+
+def claims_table(table: pd.DataFrame) -> Table:
+    """The claims with their tests and verdicts."""
+    from reports.claims.evidence import FAILS, HOLDS
+    from reports.claims.table import effect, p_value
+
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name, ratio in (("claim", 4), ("test", 4), ("effect", None), ("p", None), ("verdict", 3)):
+        shown.add_column(name, overflow="fold", ratio=ratio)
+    row: Any
+    for paper, group in table.groupby("paper", sort=False):
+        shown.add_section()
+        shown.add_row(Text(str(paper), style="bold"))
+        previous = ""
+        for row in group.itertuples():
+            style = {HOLDS: "green", FAILS: "red"}.get(row.verdict, "dim")
+            verdict = Text(row.verdict, style=style)
+            if row.why:
+                verdict.append(f": {row.why}", style="dim")
+            said = str(row.statement) if row.claim != previous else ""
+            previous = row.claim
+            shown.add_row(Text(said), Text(str(row.test)), Text(effect(row)), Text(p_value(row.p_holm)), verdict)
+    return shown
 
 
 def _bytes(value: float) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmark.api import Metric, MetricInfo, NotApplicableError, Sample
 from benchmark.motion.canonical import foot_points
 from benchmark.motion.clip import MotionClip
-from benchmark.motion.contacts import GRAVITY, detect
+from benchmark.motion.contacts import GRAVITY, SPEED, detect
 from benchmark.motion.skeleton import SIDES
 from eval.metrics.shared import per_clip, speed_unit, stride
 
@@ -21,6 +21,9 @@ SKATE_SPEED = 0.5 / float(np.sqrt(GRAVITY * 0.826))
 
 #: Height in leg lengths over which the sliding factor fades: 33 mm for the same leg.
 SLIDE_HEIGHT = 0.033 / 0.826
+
+#: The common definition, as it stands in public code: frames a second, metres, metres a second, frames of the mean.
+_COMMON_FPS, _COMMON_HEIGHT, _COMMON_SPEED, _COMMON_WINDOW = 20.0, 0.05, 0.50, 5
 
 
 @per_clip
@@ -44,6 +47,14 @@ def _horizontal_speed(clip: MotionClip, joints: NDArray[np.int64]) -> NDArray[np
     before, after = np.maximum(frames - half, 0), np.minimum(frames + half, len(clip) - 1)
     seconds = np.maximum(after - before, 1) / clip.fps
     return np.linalg.norm(path[after] - path[before], axis=-1) / seconds[:, None]
+
+
+def _at(paths: NDArray[np.float64], frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``paths`` (T, F, 3) at fractional frames, linearly between frames."""
+    low = np.minimum(frames.astype(np.int64), max(len(paths) - 2, 0))
+    high = np.minimum(low + 1, len(paths) - 1)
+    share = np.minimum(frames - low, 1.0)[:, None, None]
+    return np.asarray((1.0 - share) * paths[low] + share * paths[high])
 
 
 class FootSkateRatio(Metric):
@@ -128,6 +139,78 @@ class FootSlidingFactor(Metric):
         if not terms:
             raise NotApplicableError("the skeleton has neither ankles nor toes")
         return float(np.mean(terms))
+
+
+class FootSkateCommon(Metric):
+    """Fraction of frames in which a foot skates, by the definition in common use.
+
+    As in the public code of guided motion diffusion (Karunratanakul et al. 2023), which OmniControl (Xie et al. 2024) and
+    others took over: at 20 frames a second (linearly between frames, no filter), a toe joint skates if it is below 0.05 m in a
+    frame and the next, moves over the floor faster than 0.50 m/s, and does so in the mean over 5 frames as well; the ratio is
+    of frames in which either foot does. Where the skeleton has no toes the ankles are taken.
+
+    Nothing in it is scaled: a child's foot of half the size passes the same metres, a toe joint that rests above 0.05 m is
+    never in contact, and one that glides 0.05 m above the floor is not seen. It is here to be comparable with published
+    numbers; :class:`FootSkateRatio` is the one to judge by.
+    """
+
+    info = MetricInfo(
+        name="physics/foot-skate-common",
+        summary="share of frames in which a foot slides, by the unscaled definition in common use",
+        unit="1",
+        direction="lower",
+        citation="Karunratanakul et al. 2023; Xie et al. 2024",
+    )
+
+    def compute(self, sample: Sample) -> float:
+        """The ratio in [0, 1]; not applicable to less than two frames at 20 frames a second."""
+        clip, skeleton = sample.clip, sample.clip.skeleton
+        toes = [f"{side}_toe" for side in SIDES]
+        joints = skeleton.joints(*(toes if skeleton.has(*toes) else [f"{side}_ankle" for side in SIDES]))
+        frames = int(np.floor(clip.duration * _COMMON_FPS + 1e-6)) + 1
+        if frames < 2:
+            raise NotApplicableError("fewer than two frames at 20 frames a second")
+        feet = _at(clip.positions[:, joints], np.arange(frames, dtype=np.float64) * (clip.fps / _COMMON_FPS))
+        speed = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * _COMMON_FPS
+        # Beyond the ends there is no speed: there the mean over the window takes zeros, as the public code does.
+        reach = _COMMON_WINDOW // 2
+        padded = np.pad(speed, ((reach, reach), (0, 0)))
+        mean = np.lib.stride_tricks.sliding_window_view(padded, _COMMON_WINDOW, axis=0).mean(axis=-1)
+        low = (feet[:-1, :, 1] < _COMMON_HEIGHT) & (feet[1:, :, 1] < _COMMON_HEIGHT)
+        skates = low & (speed > _COMMON_SPEED) & (mean > _COMMON_SPEED)
+        return float(skates.any(axis=1).mean())
+
+
+class Floating(Metric):
+    """Height of the lowest foot point above the floor while it stands, ``mean_{t in stance} max(0, min_j y_j(t))``, metres.
+
+    Stance is told by speed alone, for a floating figure has no foot on the floor: frames in which the lowest foot point moves
+    slower than ``0.266 sqrt(g leg)``, the speed of a contact, in three dimensions. At the top of a jump that holds for some
+    hundredths of a second, which a real jump has too: read it beside real motion. Foot points as in :class:`FloorPenetration`.
+    """
+
+    info = MetricInfo(
+        name="physics/floating",
+        summary="mean height of the lowest foot point above the floor in stance",
+        unit="m",
+        direction="lower",
+        code_deps=("benchmark.motion.canonical", "benchmark.motion.contacts", "eval.metrics.shared"),
+    )
+
+    def compute(self, sample: Sample) -> float:
+        """The height in metres; not applicable to a clip in which the feet never rest."""
+        clip = sample.clip
+        points = foot_points(clip)
+        frames = np.arange(len(clip))
+        lowest = points[..., 1].argmin(axis=1)
+        half = stride(clip.fps)
+        before, after = np.maximum(frames - half, 0), np.minimum(frames + half, len(clip) - 1)
+        seconds = np.maximum(after - before, 1) / clip.fps
+        speed = np.linalg.norm(points[after, lowest] - points[before, lowest], axis=-1) / seconds
+        heights = points[frames, lowest, 1][speed < SPEED * speed_unit(clip)]
+        if heights.size == 0:
+            raise NotApplicableError("no foot ever rests in this clip")
+        return float(np.maximum(0.0, heights).mean())
 
 
 class FloorPenetration(Metric):

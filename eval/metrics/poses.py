@@ -22,14 +22,24 @@ def aligned_distance(clip: MotionClip, other: MotionClip) -> float:
     forward, in leg lengths (:func:`~benchmark.motion.pose.pose_positions`); the path minimises the same cost. ``other`` is put
     on the skeleton of ``clip`` first, so that proportions do not count.
     """
+    ours, theirs, path = aligned_poses(clip, other)
+    return float(np.linalg.norm(ours[path[:, 0]] - theirs[path[:, 1]], axis=-1).mean())
+
+
+def aligned_poses(
+    clip: MotionClip, other: MotionClip
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Poses (T, R, 3) of ``clip``, (S, R, 3) of ``other`` on its skeleton, and the path (K, 2) that pairs their rows.
+
+    Rows are :data:`~eval.metrics.shared.STEP` seconds apart, or as near to it as whole frames come.
+    """
     ours, theirs = _poses(clip), _poses_on(other, clip.skeleton)
     costs = np.zeros((len(ours), len(theirs)))
     for joint in range(ours.shape[1]):
         one, two = ours[:, joint], theirs[:, joint]
         squared = np.sum(one**2, axis=1)[:, None] + np.sum(two**2, axis=1) - 2.0 * one @ two.T
         costs += np.sqrt(np.maximum(squared, 0.0, out=squared), out=squared)
-    path = dtw_from_costs(costs).path
-    return float(np.linalg.norm(ours[path[:, 0]] - theirs[path[:, 1]], axis=-1).mean())
+    return ours, theirs, dtw_from_costs(costs).path
 
 
 @per_clip

@@ -1,4 +1,4 @@
-"""Tempo and duration against real target motion."""
+"""Tempo and duration against real target motion, and the change of timing against the source."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from benchmark.api import Metric, MetricInfo, NotApplicableError, Sample
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.pose import SEGMENTS, segment_directions
+from eval.metrics.poses import aligned_poses
 from eval.metrics.shared import STEP, over_references, per_clip, stride
 
 #: Seconds over which limb directions are differenced: long beside the jitter of a depth camera, short beside a cycle.
@@ -118,3 +119,58 @@ class DurationRatio(Metric):
         if real <= 0.0 or sample.clip.duration <= 0.0:
             raise NotApplicableError("a single frame has no duration")
         return sample.clip.duration / real
+
+
+class TempoError(Metric):
+    """Size of the relative difference of cadence to real target motion, ``|ln(tempo / real tempo)|``.
+
+    0.1 is 10 % too quick or too slow. Unlike :class:`TempoRatio`, of which too quick and too slow results cancel in a mean,
+    it adds them up. Cadence as in :func:`tempo`; the real one is the median over target clips of the same action.
+    """
+
+    info = MetricInfo(
+        name="timing/tempo-error",
+        summary="size of the log ratio of the cycle frequency to that of real target motion",
+        unit="1",
+        direction="lower",
+        needs="reference",
+        citation="McLeod & Wyvill 2005 (period by key maximum)",
+        code_deps=("benchmark.motion.pose", "benchmark.motion.canonical", "eval.metrics.shared"),
+    )
+
+    def compute(self, sample: Sample) -> float:
+        """The error; not applicable where either side does not repeat."""
+        return float(abs(np.log(tempo(sample.clip) / over_references(sample, tempo))))
+
+
+class WarpDeviation(Metric):
+    """How far the timing departs from the source's: mean of ``|pi(t) - t|`` over the result's frames, seconds.
+
+    ``pi(t)`` is the mean source time that the dynamic time warping path pairs with result time t; poses and cost are those
+    of :func:`eval.metrics.poses.aligned_distance`. It describes a change of timing and does not judge it: 0 for any method
+    that keeps the source's clock, and ``|1 - 1/s| duration / 2`` for an even stretch by s.
+    """
+
+    info = MetricInfo(
+        name="timing/warp-deviation",
+        summary="mean shift in time between result and source along the alignment",
+        unit="s",
+        direction="none",
+        code_deps=(
+            "benchmark.motion.dtw",
+            "benchmark.motion.pose",
+            "benchmark.motion.canonical",
+            "benchmark.motion.retarget",
+            "eval.metrics.poses",
+            "eval.metrics.shared",
+        ),
+    )
+
+    def compute(self, sample: Sample) -> float:
+        """The deviation in seconds."""
+        clip, source = sample.clip, sample.source
+        ours, _, path = aligned_poses(clip, source)
+        seconds = path * [stride(clip.fps) / clip.fps, stride(source.fps) / source.fps]
+        shifts = seconds[:, 1] - seconds[:, 0]
+        frames = np.bincount(path[:, 0], minlength=len(ours))
+        return float(np.abs(np.bincount(path[:, 0], weights=shifts) / frames).mean())

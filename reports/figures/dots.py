@@ -1,4 +1,4 @@
-"""Every metric at a glance: one panel each, a dot with its interval for each method, the real performers as a line."""
+"""The metrics of a group at a glance: one panel each, a dot with its interval for each method, real performers as a line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from reports.drawing import Drawing
 from reports.figures.style import FAINT, INK, PAGE, REAL, new_figure, style
 from reports.run import RunView
-from reports.tables import with_values
+from reports.tables import by_group, with_values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,23 +84,26 @@ def dots(table: pd.DataFrame, *, real: str) -> Figure:
 
 
 def metric_dots(run: RunView) -> list[Drawing]:
-    """Every metric of every method as a dot with its interval, real performers as a line; one page for each task."""
+    """Every metric of every method as a dot with its interval, real performers as a line; one page for each task and group."""
     drawings = []
     for task in run.tasks:
-        table = with_values(run.leaderboard(task, variant="raw"))
-        if table.empty:
-            continue
-        drawings.append(
-            Drawing(
-                name=f"metrics-{task.replace(':', '-to-')}",
-                figure=dots(table, real=run.real_method),
-                caption=(
-                    f"{run.dataset_title}, {task.replace(':', ' to ')}, raw results: means over at most "
-                    f"{int(table['n'].max())} test clips, with 95 % intervals from resampling actors and then their clips. "
-                    "Green: the same metric on held-out performers of the target style, where it can be had. Dashed: the value "
-                    "aimed at. An arrow says which way is better."
-                ),
-                data=table,
+        for group, table in by_group(with_values(run.leaderboard(task, variant="raw"))).items():
+            clips = int(table["n"].max())
+            values = (
+                f"means over at most {clips} test clips, with 95 % intervals from resampling actors and then their clips"
+                if clips > 1
+                else "one value for all test clips together"
             )
-        )
+            drawings.append(
+                Drawing(
+                    name=f"metrics-{task.replace(':', '-to-')}-{group}",
+                    figure=dots(table, real=run.real_method),
+                    caption=(
+                        f"{run.dataset_title}, {task.replace(':', ' to ')}, {group}, raw results: {values}. Green: the same "
+                        "metric on held-out performers of the target style, where it can be had. Dashed: the value aimed at. "
+                        "An arrow says which way is better."
+                    ),
+                    data=table,
+                )
+            )
     return drawings

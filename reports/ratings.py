@@ -1,0 +1,362 @@
+"""Ratings of a run's results: the stimuli, simulated observers where nobody was asked, and the analysis on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmark.errors import ConfigError, DataError
+from eval.ratings.analysis import Analysis, Plan, analyse
+from eval.ratings.observers import ObserverModel, observe
+from eval.ratings.reading import PEOPLE, SIMULATED, Ratings, read_ratings, read_stimuli
+from eval.ratings.writing import write_ratings, write_table
+from reports.run import FLOOR, RunView
+from reports.tables import latex_escape, number
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Stimuli of each condition, as in the 2020 study: 50 animations in five conditions.
+CLIPS = 10
+
+#: Folder of the statistics in a run folder, and the names of what is written there.
+STATS, STIMULI, ANSWERS, EVIDENCE = "stats", "ratings-stimuli.csv", "ratings-answers.csv", "ratings-evidence.csv"
+
+#: A method with results for fewer of the clips than this share of the best is no condition: it would shrink every other.
+_ENOUGH = 0.5
+
+
+@dataclass(frozen=True)
+class Written:
+    """An analysis on disk.
+
+    Attributes
+    ----------
+    analysis
+        Its tables and sentences.
+    files
+        What was written.
+    plan
+        What was decided beforehand.
+    notes
+        How the stimuli and, for simulated observers, the answers came about.
+    """
+
+    analysis: Analysis
+    files: tuple[Path, ...]
+    plan: Plan
+    notes: tuple[str, ...]
+
+
+def choose_stimuli(
+    run: RunView, task: str, *, rng: np.random.Generator, clips: int = CLIPS
+) -> tuple[pd.DataFrame, pd.DataFrame, tuple[str, ...]]:
+    """Choose what of a run would be shown: the same clips in every condition, balanced over actions and actors.
+
+    Parameters
+    ----------
+    run
+        The run.
+    task
+        ``source:target``.
+    rng
+        Decides among clips that are equally good, and shuffles the ids.
+    clips
+        Stimuli of each condition.
+
+    Returns
+    -------
+    stimuli : pandas.DataFrame
+        In the columns of a stimuli file. The source itself is the condition named by the source style, real performers
+        the one named by the target style; every other method is a condition of its own. Ids say nothing of the condition.
+    scores : pandas.DataFrame
+        ``stimulus`` and a column for each metric of single clips, from the first repetition, as the method returned them.
+    notes : tuple of str
+        What was left out, and why.
+
+    Raises
+    ------
+    DataError
+        If no two conditions have a clip in common.
+    """
+    import pandas as pd
+
+    source, _, target = task.partition(":")
+    rows = run.results
+    rows = rows[
+        (rows["task"] == task) & (rows["variant"] == "raw") & (rows["clip_id"] != "") & (rows["status"] == "ok")
+    ]
+    rows = rows[rows["repetition"] == rows.groupby("method")["repetition"].transform("min")]
+    # Every transferred clip has this row, whatever its metrics say.
+    done = rows[rows["metric"] == "cost/transfer_seconds"]
+    of_method = {method: set(done.loc[done["method"] == method, "clip_id"]) for method in run.methods(task)}
+    most = max((len(found) for found in of_method.values()), default=0)
+    few = [method for method, found in of_method.items() if len(found) < _ENOUGH * most or not found]
+    methods = [method for method in of_method if method not in few]
+    common = set.intersection(*(of_method[method] for method in methods)) if methods else set()
+    if len(methods) < 2 or not common:
+        counts = ", ".join(f"{method} {len(found)}" for method, found in of_method.items())
+        raise DataError(f"{run.folder}: no two methods have a result for the same clip of {task} ({counts})")
+    chosen = _balanced(done, common, rng, clips)
+    labels = {FLOOR: source, run.real_method: target}
+    pairs = [(method, clip) for method in methods for clip in chosen]
+    ids = rng.permutation(len(pairs)) + 1
+    facts = done.drop_duplicates("clip_id").set_index("clip_id")
+    stimuli = pd.DataFrame(
+        {
+            "stimulus": [f"s{index:0{max(3, len(str(len(pairs))))}d}" for index in ids],
+            "condition": [_condition(method, labels) for method, _ in pairs],
+            "clip_id": [clip for _, clip in pairs],
+            "action": [str(facts.loc[clip, "action"]) for _, clip in pairs],
+            "actor": [str(facts.loc[clip, "actor"]) for _, clip in pairs],
+            "attention": True,
+            "expected": [str(facts.loc[clip, "action"]) for _, clip in pairs],
+        }
+    )
+    measured = rows[rows["clip_id"].isin(chosen) & ~rows["metric"].str.startswith("cost/")]
+    wide = measured.pivot_table(index=["method", "clip_id"], columns="metric", values="value", aggfunc="mean")
+    scores = wide.reindex(pd.MultiIndex.from_tuples(pairs)).reset_index(drop=True)
+    scores.insert(0, "stimulus", stimuli["stimulus"].to_numpy())
+    actions = stimuli["action"].nunique()
+    notes = [f"{len(stimuli)} stimuli: {len(chosen)} clips of {actions} actions in {len(methods)} conditions."]
+    if FLOOR in methods:
+        notes.append(f"{source!r} is the source motion on the target's body, as the method {FLOOR} returns it.")
+    if run.real_method in methods:
+        notes.append(f"{target!r} is real motion of held-out performers doing the same actions.")
+    if len(chosen) < clips:
+        notes.append(f"Only {len(chosen)} clips have a result in every condition, fewer than the {clips} asked for.")
+    notes += [
+        f"{method} is no condition: it has results for {len(of_method[method])} clips, others for {most}."
+        for method in few
+    ]
+    return stimuli, scores, tuple(notes)
+
+
+def _condition(method: str, labels: Mapping[str, str]) -> str:
+    if method in labels:
+        return labels[method]
+    return f"{method} (method)" if method in labels.values() else method
+
+
+def _balanced(done: pd.DataFrame, common: set[str], rng: np.random.Generator, count: int) -> list[str]:
+    """``count`` clips of ``common``, or all: one action after the other, of each the clip whose actor was taken least."""
+    facts = done[done["clip_id"].isin(common)].drop_duplicates("clip_id").sort_values("clip_id")
+    left = {
+        action: list(zip(group["clip_id"], group["actor"], strict=True)) for action, group in facts.groupby("action")
+    }
+    actions = [list(left)[index] for index in rng.permutation(len(left))]
+    for clips in left.values():
+        rng.shuffle(clips)
+    taken: dict[str, int] = {}
+    chosen: list[str] = []
+    while len(chosen) < min(count, len(facts)):
+        for action in actions:
+            if left[action] and len(chosen) < count:
+                best = min(left[action], key=lambda pair: taken.get(pair[1], 0))
+                left[action].remove(best)
+                taken[best[1]] = taken.get(best[1], 0) + 1
+                chosen.append(best[0])
+    return sorted(chosen)
+
+
+def simulate_ratings(
+    run: RunView, task: str, out: Path, *, seed: int = 0, raters: int = 36, model: ObserverModel | None = None
+) -> Written:
+    """Let simulated observers rate a run, write their answers, and analyse them as people's would be.
+
+    Parameters
+    ----------
+    run, task
+        What they are shown.
+    out
+        Folder that gets ``stats`` and ``tables``; usually the run's own.
+    seed
+        Of the choice of clips and of every answer.
+    raters
+        Attentive observers; careless ones come on top.
+    model
+        The observer.
+
+    Raises
+    ------
+    ConfigError
+        If the folder holds an analysis of people's ratings, which simulated ones must not take the place of.
+    """
+    _keep_people(out)
+    source, _, target = task.partition(":")
+    rng = np.random.default_rng(seed)
+    stimuli, scores, notes = choose_stimuli(run, task, rng=rng)
+    observed = observe(
+        stimuli, scores, rng=rng, raters=raters, model=model, styles=(source, target), real=(source, target)
+    )
+    folder = out / STATS
+    folder.mkdir(parents=True, exist_ok=True)
+    key = stimuli.assign(attention=np.where(stimuli["attention"], "yes", "no"))
+    key.to_csv(folder / STIMULI, index=False, lineterminator="\n")
+    write_ratings(folder / ANSWERS, observed.ratings, kind=SIMULATED, remarks=observed.notes)
+    write_table(folder / EVIDENCE, observed.evidence, kind=SIMULATED)
+    # Read back from disk: what is analysed is what stands in the files, in the format of anybody's ratings.
+    ratings = read_ratings(folder / ANSWERS, read_stimuli(folder / STIMULI), styles=(source, target))
+    shown = f"What was shown: {run.dataset_title}, {source} to {target}."
+    written = analyse_ratings(ratings, out, seed=seed, notes=(shown, *notes, *observed.notes))
+    files = (folder / STIMULI, folder / ANSWERS, folder / EVIDENCE, *written.files)
+    return Written(written.analysis, files, written.plan, written.notes)
+
+
+def _keep_people(out: Path) -> None:
+    import pandas as pd
+
+    table = out / STATS / "ratings-conditions.csv"
+    if table.is_file() and PEOPLE in set(pd.read_csv(table)["kind"]):
+        raise ConfigError(
+            f"{out / STATS} holds the analysis of ratings by people, and simulated observers must not take its place: give "
+            "--ratings and --stimuli again, or another folder by --out"
+        )
+
+
+def analyse_ratings(ratings: Ratings, out: Path, *, seed: int = 0, notes: Sequence[str] = ()) -> Written:
+    """Analyse ratings and write ``stats/ratings-*.csv``, ``stats/ratings.md`` and two LaTeX tables into ``out/tables``.
+
+    Parameters
+    ----------
+    ratings
+        Of people or of simulated observers; of the latter every file says so.
+    out
+        The folder.
+    seed
+        Of the bootstrap.
+    notes
+        Sentences on how the ratings came about.
+
+    Raises
+    ------
+    ConfigError
+        As in :func:`simulate_ratings`.
+    """
+    if ratings.simulated:
+        _keep_people(out)
+    plan = Plan(source=ratings.styles[0], target=ratings.styles[1], seed=seed)
+    analysis = analyse(ratings, plan)
+    stats, tables = out / STATS, out / "tables"
+    stats.mkdir(parents=True, exist_ok=True)
+    tables.mkdir(exist_ok=True)
+    if not ratings.simulated:
+        for name in (STIMULI, ANSWERS, EVIDENCE):
+            (stats / name).unlink(missing_ok=True)
+    files = []
+    for name, table in analysis.tables.items():
+        files.append(stats / f"ratings-{name}.csv")
+        write_table(files[-1], table, kind=ratings.kind)
+    files.append(stats / "ratings.md")
+    files[-1].write_text(_markdown(analysis, plan, notes), encoding="utf-8")
+    for name, text in (("anova", latex_anova(analysis)), ("tukey", latex_tukey(analysis))):
+        files.append(tables / f"ratings-{name}.tex")
+        files[-1].write_text(text, encoding="utf-8")
+    return Written(analysis, tuple(files), plan, tuple(notes))
+
+
+def _markdown(analysis: Analysis, plan: Plan, notes: Sequence[str]) -> str:
+    whose = "" if analysis.kind == PEOPLE else f" ({analysis.kind})"
+    lines = [f"# Ratings{whose}", ""]
+    if whose:
+        lines += [
+            f"**{analysis.kind[0].upper()}{analysis.kind[1:]}.** A model of an observer answered, driven by the objective "
+            "scores. What follows rehearses the analysis; it is no finding about what people see.",
+            "",
+        ]
+    lines += [f"- {note}" for note in notes] + [""] * bool(notes)
+    lines += [
+        "Decided before any rating was seen: each question is a family of all pairs of conditions, tested by paired t tests "
+        f"with Holm's correction at {plan.alpha:g}; a difference in the first question carries over to other clips only where "
+        f"the rater x clip interval agrees; equivalence with real {plan.target} motion within {100 * plan.margin:g} points, or "
+        f"{plan.natural_margin:g} steps of naturalness; raters right on {100 * plan.attention:g} % or less of the checks are "
+        "left out.",
+        "",
+    ]
+    for heading, sentences in analysis.sections.items():
+        lines += [f"## {heading}{whose}", "", *(f"- {sentence}" for sentence in sentences), ""]
+    return "\n".join(lines)
+
+
+def latex_anova(analysis: Analysis) -> str:
+    """The repeated-measures analyses of variance as a booktabs table."""
+    table = analysis.tables["anova"]
+    rows = table[(table["sample"] == "attentive") & (table["design"] == "repeated measures")]
+    body = []
+    row: Any
+    for row in rows.itertuples():
+        cells = [
+            _question(row.question),
+            f"{row.df1:.0f}, {row.df2:.0f}",
+            number(row.F),
+            _latex_p(row.p),
+            f"{row.eps_gg:.2f}" if np.isfinite(row.eps_gg) else "--",
+            _latex_p(row.p_gg),
+            f"{row.eta_p2:.2f} [{row.eta_p2_low:.2f}, {row.eta_p2_high:.2f}]" if np.isfinite(row.eta_p2) else "--",
+        ]
+        body.append(" & ".join(cells) + r" \\")
+    head = r"question & df & $F$ & $p$ & $\varepsilon_{GG}$ & $p_{GG}$ & $\eta_p^2$ [90\,\%] \\"
+    caption = f"Main effect of the condition, repeated-measures analysis of variance, {rows['n'].min()} raters."
+    return _latex_table(analysis, "anova", "lrrrrrr", head, body, caption)
+
+
+def latex_tukey(analysis: Analysis) -> str:
+    """Tukey's test within and between raters, and the Holm-corrected contrasts, as a booktabs table."""
+    tukey, contrasts = analysis.tables["tukey"], analysis.tables["contrasts"]
+    contrasts = contrasts[contrasts["sample"] == "attentive"].set_index(["question", "a", "b"])
+    naive = tukey[tukey["error_term"] != "within raters"].set_index(["question", "a", "b"])
+    within = tukey[tukey["error_term"] == "within raters"]
+    body = []
+    row: Any
+    for row in within.itertuples():
+        key = (row.question, row.a, row.b)
+        scale = 100 if row.question == "child" else 1
+        cells = [
+            _question(row.question),
+            f"{latex_escape(row.a)} -- {latex_escape(row.b)}",
+            f"{scale * row.diff:.{0 if scale == 100 else 2}f}",
+            _latex_p(row.p),
+            _latex_p(naive.loc[key, "p"]),
+            _latex_p(contrasts.loc[key, "p_holm"]),
+        ]
+        body.append(" & ".join(cells) + r" \\")
+    head = r"question & pair & difference & $p$ Tukey within & $p$ Tukey between & $p$ Holm \\"
+    caption = (
+        "Pairs of conditions: Tukey's test with the error within raters, with the error between raters (naive), and paired t "
+        "tests with Holm's correction (primary). Differences in percentage points and in steps of the scale."
+    )
+    return _latex_table(analysis, "tukey", "llrrrr", head, body, caption)
+
+
+def _latex_table(analysis: Analysis, name: str, columns: str, head: str, body: Sequence[str], caption: str) -> str:
+    whose = "" if analysis.kind == PEOPLE else f"{analysis.kind[0].upper()}{analysis.kind[1:]}. "
+    lines = [
+        "% needs: booktabs",
+        r"\begin{table}",
+        r"\centering\small",
+        rf"\caption{{{latex_escape(whose + caption)}}}",
+        rf"\label{{tab:ratings-{name}}}",
+        rf"\begin{{tabular}}{{{columns}}}",
+        r"\toprule",
+        head,
+        r"\midrule",
+        *body,
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _question(question: str) -> str:
+    return {"child": "style", "naturalness": "naturalness"}[question]
+
+
+def _latex_p(p: float) -> str:
+    if not np.isfinite(p):
+        return "--"
+    return "$<$ .001" if p < 0.001 else f"{p:.3f}".removeprefix("0")
