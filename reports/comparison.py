@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 #: Files in the folder of the statistics.
 COMPARISON, RANKS = "metrics-comparison.csv", "metrics-ranks.csv"
 
-#: Draws of the bootstrap and of the permutations. A permutation's p is never below one over their number, and must stay below
-#: 5 % when Holm multiplies it by a family of some hundred pairs and metrics.
-RESAMPLES = 20_000
+#: Draws of the bootstrap at least, and for each test of the largest family: its p is never below two over their number, and has
+#: to be able to pass 5 % when Holm multiplies it by the tests of a family.
+RESAMPLES, RESAMPLES_PER_TEST = 20_000, 60
 
 #: Values nearer to 0 than this are rounding noise, and ranks of it would be ranks of nothing.
 _NOISE = 1e-9
@@ -41,7 +41,7 @@ class MetricComparison:
     ranks: pd.DataFrame
 
 
-def compare_metrics(run: RunView, *, seed: int = 0, resamples: int = RESAMPLES) -> MetricComparison:
+def compare_metrics(run: RunView, *, seed: int = 0, resamples: int | None = None) -> MetricComparison:
     """Compare all methods of a run on all metrics of single clips.
 
     Parameters
@@ -49,7 +49,7 @@ def compare_metrics(run: RunView, *, seed: int = 0, resamples: int = RESAMPLES) 
     run
         The run; real performers take part in the differences.
     seed, resamples
-        Of the hierarchical bootstrap and the permutations.
+        Of the hierarchical bootstrap and the permutations; ``None`` for as many as the largest family needs.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def compare_metrics(run: RunView, *, seed: int = 0, resamples: int = RESAMPLES) 
 
 
 def _compare(
-    run: RunView, task: str, variant: str, seed: int, resamples: int
+    run: RunView, task: str, variant: str, seed: int, resamples: int | None
 ) -> tuple[pd.DataFrame, pd.DataFrame] | None:
     import pandas as pd
 
@@ -95,6 +95,10 @@ def _compare(
     families: dict[str, list[str]] = {}
     for name in dict.fromkeys(rows["metric"]):
         families.setdefault(name.partition("/")[0], []).append(name)
+    if resamples is None:
+        methods = rows["method"].nunique()
+        tests = max(map(len, families.values())) * methods * (methods - 1) // 2
+        resamples = max(RESAMPLES, RESAMPLES_PER_TEST * tests)
     differences = compare(rows, families=families, seed=seed, resamples=resamples).differences
 
     competitors = rows[rows["method"] != run.real_method]
@@ -123,7 +127,7 @@ def _placed(table: pd.DataFrame, task: str, variant: str) -> pd.DataFrame:
     return table
 
 
-def write_comparison(run: RunView, out: Path, *, seed: int = 0, resamples: int = RESAMPLES) -> MetricComparison:
+def write_comparison(run: RunView, out: Path, *, seed: int = 0, resamples: int | None = None) -> MetricComparison:
     """Write ``metrics-comparison.csv`` and ``metrics-ranks.csv`` into the folder ``out``, and return both tables."""
     comparison = compare_metrics(run, seed=seed, resamples=resamples)
     out.mkdir(parents=True, exist_ok=True)

@@ -207,7 +207,7 @@ def _print_metrics(console: Console, differences: pd.DataFrame, ranks: pd.DataFr
         table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
         table.add_column("metric", no_wrap=True)
         for method in methods:
-            table.add_column(Text(method), justify="right")
+            table.add_column(Text(method), justify="right", overflow="fold")
         table.add_column("Friedman p", justify="right")
         table.add_column("clips", justify="right")
         for metric in dict.fromkeys(of_task["metric"]):

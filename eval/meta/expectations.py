@@ -13,6 +13,10 @@ One row for each metric and one sign for each corruption:
 ``-``
     is known to be fooled: its value gets *better*, for a reason that the metric's description gives. Listed so that nobody
     reads such a metric alone.
+
+The rows of ``distribution/`` were written down before the check was run on them as they are now. Of the others several were
+corrected after a first look, where the claim had misunderstood what the metric measures; so agreement with them says that
+metrics behave as described, not that they were foreseen to.
 """
 
 from __future__ import annotations
@@ -73,13 +77,17 @@ recognition/p-target-temporal           .   .   .   .   .   .   .   .   .   0   
 recognition/p-target-kinematic          .   .   .   .   .   .   .   .   .   0   0   0   +   +   .   .
 recognition/style-accuracy-*            .   .   .   .   .   .   .   .   .   0   0   0   s   s   .   .
 recognition/action-accuracy-*           .   .   .   .   .   .   .   .   .   0   0   0   0   .   +   s
-distribution/kid-kinematic              s   s   s   s   .   .   .   .   .   0   0   .   .   .   .   .
-distribution/density-kinematic          s   s   s   .   .   .   .   .   .   0   0   .   .   .   .   .
-distribution/recall-kinematic           s   s   s   .   .   .   .   .   .   0   0   .   .   .   .   .
-distribution/precision-kinematic        s   s   .   .   .   .   .   .   .   0   0   .   .   .   .   .
-distribution/frechet-kinematic          .   .   s   s   .   .   .   .   .   0   0   .   .   .   .   .
-distribution/coverage-kinematic         .   .   .   .   .   .   .   .   .   0   0   .   .   .   .   .
-distribution/diversity-ratio-kinematic  .   .   .   .   .   .   .   .   .   0   0   .   .   .   .   .
+distribution/frechet-kinematic          .   .   s   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/frechet-learned            .   .   s   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/frechet-limit-kinematic    .   .   s   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/frechet-limit-learned      .   .   s   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/kid-kinematic              .   .   .   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/kid-learned                .   .   .   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/precision-*                .   .   .   .   .   .   .   .   .   0   0   .   .   s   .   .
+distribution/density-*                  .   .   .   .   .   .   .   .   .   0   0   .   .   s   .   .
+distribution/recall-*                   .   .   .   s   .   .   .   .   .   0   0   .   .   .   .   s
+distribution/coverage-*                 .   .   .   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/diversity-ratio-*          .   .   .   s   .   .   .   .   .   0   0   .   .   .   .   s
 physics/foot-skate-ratio                .   .   .   .   0   .   .   s   .   .   0   0   .   .   .   .
 physics/foot-skate-speed                .   .   .   .   0   .   .   +   .   .   0   0   .   .   .   .
 physics/foot-skate-common               .   .   .   .   0   .   .   s   .   -   .   0   .   .   .   .

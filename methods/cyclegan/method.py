@@ -53,7 +53,9 @@ class CycleGan(Method):
     Both directions are kept: :meth:`reverse` goes the other way, :meth:`round_trip` there and back.
 
     Settings that are ``None`` come from the preset; ``paper`` has those of the paper, and of Zhu et al. 2017 where it is
-    silent.
+    silent. ``quick`` departs from them beyond size and schedule: no instance norm, standardised inputs and a long skip, a
+    coherence loss that does not reward frozen poses, both generators updated at once, and filters on the change from the source
+    instead of on the output, which would lose what the source itself has above their cutoff.
 
     Parameters
     ----------
@@ -105,6 +107,9 @@ class CycleGan(Method):
         Whether to remove peaks (Hampel filter, 7 frames, 3 deviations).
     cutoff
         Hertz of the zero-phase low-pass (second-order Butterworth, both ways); 0 for none.
+    smooth
+        What peaks and high frequencies are taken from: the ``output``, as in the paper, or the ``change`` from the source, so
+        that what the source has of them, a person's and the capture's, is kept.
     return_trip
         Whether a transfer also hands out the clip taken to the target style and back, for the metric of the double
         translation; it costs as much again.
@@ -165,6 +170,7 @@ class CycleGan(Method):
         blend: str | None = None,
         peaks: bool | None = None,
         cutoff: float | None = None,
+        smooth: str | None = None,
         return_trip: bool | None = None,
     ) -> None:
         self.preset = preset
@@ -197,6 +203,7 @@ class CycleGan(Method):
         self.blend = blend
         self.peaks = peaks
         self.cutoff = cutoff
+        self.smooth = smooth
         self.return_trip = return_trip
 
     @classmethod
@@ -342,6 +349,7 @@ class CycleGan(Method):
             "coherence_mode": ("absolute", "excess", "second"),
             "order": ("sequential", "joint"),
             "blend": WEIGHTS,
+            "smooth": ("output", "change"),
         }
         for name, allowed in choices.items():
             if chosen[name] not in allowed:
@@ -412,6 +420,7 @@ class CycleGan(Method):
 
     def _translated(self, source: MotionClip, skeleton: Skeleton, route: str) -> tuple[MotionClip, MotionClip]:
         """The clip on ``skeleton`` after the generators of ``route``; smoothed, and as blended."""
+        from benchmark.motion import quat
         from benchmark.motion.resample import low_pass, sample_at
         from benchmark.motion.retarget import retarget
         from benchmark.motion.windows import overlap_add_quat
@@ -423,8 +432,14 @@ class CycleGan(Method):
         cut = cut_clip(clip, self.reference_, length=chosen["length"], hop=chosen["hop"])
         words = self._generated(cut.windows.array, route)
         blended = overlap_add_quat(cut.restored(words), weights=chosen["blend"])
-        smooth = smooth_rotations(blended, chosen["fps"], peaks=chosen["peaks"], cutoff=chosen["cutoff"])
-        # What has been low-passed already holds next to nothing that thinning could fold back.
+        filters = {"peaks": chosen["peaks"], "cutoff": chosen["cutoff"]}
+        if chosen["smooth"] == "change":
+            turned = quat.inv_mul(clip.rotations, blended)
+            smooth = quat.mul(clip.rotations, smooth_rotations(turned, chosen["fps"], **filters))
+        else:
+            smooth = smooth_rotations(blended, chosen["fps"], **filters)
+        # What has been low-passed already holds next to nothing that thinning could fold back; nor does what a source of the
+        # lower rate was moved by.
         low = 0.4 * source.fps
         calm = 0 < chosen["cutoff"] <= low
         results = []

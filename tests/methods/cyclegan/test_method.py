@@ -170,6 +170,24 @@ def test_the_return_trip_is_handed_out_when_asked_for(small, tmp_path):
     assert np.array_equal(result.round_trip.rotations, small.round_trip(source).rotations)
 
 
+def test_filtering_the_change_keeps_what_the_source_has(small, tmp_path, monkeypatch):
+    small.save(tmp_path)
+    method = CycleGan.load(tmp_path)
+    monkeypatch.setattr(method, "_generated", lambda words, route: words)
+    source = perform("walk", ADULT, 3, fps=60.0)
+    tremor = quat.from_axis_angle(np.array([1.0, 0.0, 0.0]), 0.1 * np.where(np.arange(len(source)) % 2, 1.0, -1.0))
+    rotations = source.rotations.copy()
+    rotations[:, 4] = quat.mul(rotations[:, 4], tremor)
+    shaking = source.replace(rotations=rotations)
+    angles = {}
+    for smooth in ("output", "change"):
+        method.settings_ = {**method.settings_, "smooth": smooth}
+        out = method.transfer(shaking, StyleTask(ADULT, CHILD, None), rng=rng()).clip
+        angles[smooth] = float(quat.angle(out.rotations[:, 4], shaking.rotations[:, 4]).mean())
+    assert angles["change"] < 1e-3
+    assert angles["output"] > 0.05
+
+
 class Interrupted(Exception):
     pass
 
