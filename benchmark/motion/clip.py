@@ -165,6 +165,19 @@ class MotionClip:
         """A copy with some fields changed; ``rotations``, ``root`` … as in the class."""
         return replace(self, **changes)
 
+    def with_root(self, root: NDArray[np.float64]) -> MotionClip:
+        """The clip on another path of joint 0, (T, 3); without raw channels, which say where it was.
+
+        World positions that are known already are moved along instead of being computed again.
+        """
+        moved = replace(self, root=root, source=None)
+        if "world" in self.__dict__:
+            rotations, positions = self.world
+            positions = positions + (moved.root - self.root)[:, None]
+            positions.flags.writeable = False
+            moved.__dict__["world"] = rotations, positions
+        return moved
+
     def frames(self, start: int, stop: int) -> MotionClip:
         """The frames ``start`` to ``stop`` (exclusive)."""
 

@@ -15,6 +15,9 @@ here make it a function of the pose wherever they can:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -126,27 +129,83 @@ def aim_bones(skeleton: Skeleton, rotations: ArrayLike, positions: ArrayLike) ->
         if not np.all(np.isfinite(array)):
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
             raise ContractError(f"{name} holds {array[where]} at index {where}")
-    aimed = given.copy()
     world = quat.identity(frames, joints)
-    for joint in range(joints):
-        parent = int(skeleton.parents[joint])
-        above = world[:, parent] if parent >= 0 else quat.identity(frames)
-        turned = quat.mul(above, given[:, joint])
-        children = [child for child in skeleton.children(joint) if skeleton.bone_lengths[child] > _SHORTEST]
-        if children:
-            now = quat.rotate(turned[:, None], skeleton.offsets[children])
-            then = wanted[:, children] - wanted[:, joint, None]
-            then = np.where(np.linalg.norm(then, axis=-1, keepdims=True) > _SHORTEST, then, now)
-            lengths = skeleton.bone_lengths[children]
-            turn = (
-                quat.between(now[:, 0], then[:, 0])
-                if len(children) == 1
-                else match_directions(now, then, weights=np.broadcast_to(lengths, now.shape[:-1]))
-            )
-            turned = quat.mul(turn, turned)
-            aimed[:, joint] = quat.inv_mul(above, turned)
-        world[:, joint] = turned
+    aims = _aims(skeleton)
+    for aim in aims:
+        turned = given[:, aim.joints] if aim.root else quat.mul(world[:, aim.parents], given[:, aim.joints])
+        if len(aim.one):
+            start = turned[:, aim.one]
+            now = quat.rotate(start, skeleton.offsets[aim.ends])
+            then = _wanted(wanted, aim.joints[aim.one], aim.ends, now)
+            turned[:, aim.one] = quat.mul(quat.between(now, then), start)
+        for at, children in aim.several:
+            now = quat.rotate(turned[:, at, None], skeleton.offsets[children])
+            then = _wanted(wanted, aim.joints[at, None], children, now)
+            weights = np.broadcast_to(skeleton.bone_lengths[children], now.shape[:-1])
+            turned[:, at] = quat.mul(match_directions(now, then, weights=weights), turned[:, at])
+        world[:, aim.joints] = turned
+    aimed = given.copy()
+    for aim in aims:
+        turning = np.concatenate([aim.one, [at for at, _ in aim.several]]).astype(np.int64)
+        local = world[:, aim.joints[turning]]
+        aimed[:, aim.joints[turning]] = local if aim.root else quat.inv_mul(world[:, aim.parents[turning]], local)
     return quat.normalize(quat.unroll(aimed))
+
+
+@dataclass(frozen=True, eq=False)
+class _Aim:
+    """The joints of one depth that have children, which :func:`aim_bones` turns together.
+
+    Attributes
+    ----------
+    joints, parents
+        (L,) the joints and what they hang on.
+    one, ends
+        Which of the L have one bone, and the joints at its end.
+    several
+        Which have more bones, and the joints at their ends.
+    """
+
+    joints: NDArray[np.int64]
+    parents: NDArray[np.int64]
+    one: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    several: tuple[tuple[int, list[int]], ...]
+
+    @property
+    def root(self) -> bool:
+        """Whether this is the root's level."""
+        return bool(self.joints[0] == 0)
+
+
+@lru_cache(maxsize=64)
+def _aims(skeleton: Skeleton) -> tuple[_Aim, ...]:
+    """From the root to the leaves; joints at the ends of chains are not among them, since they turn nothing."""
+    depth = np.zeros(len(skeleton), dtype=np.int64)
+    for joint in range(1, len(skeleton)):
+        depth[joint] = depth[skeleton.parents[joint]] + 1
+    inner = np.isin(np.arange(len(skeleton)), skeleton.parents)
+    aims = []
+    for level in range(int(depth.max()) + 1):
+        joints = np.flatnonzero(inner & (depth == level))
+        if not len(joints):
+            continue
+        bones = [
+            [child for child in skeleton.children(int(joint)) if skeleton.bone_lengths[child] > _SHORTEST]
+            for joint in joints
+        ]
+        one = np.array([at for at, children in enumerate(bones) if len(children) == 1], dtype=np.int64)
+        ends = np.array([bones[at][0] for at in one], dtype=np.int64)
+        several = tuple((at, children) for at, children in enumerate(bones) if len(children) > 1)
+        aims.append(_Aim(joints, skeleton.parents[joints], one, ends, several))
+    return tuple(aims)
+
+
+def _wanted(positions: Array, starts: NDArray[np.int64], ends: NDArray[np.int64] | list[int], now: Array) -> Array:
+    """Bones (T, K, 3) between joints of ``positions``; those of ``now`` where they have no length."""
+    bones = positions[:, ends] - positions[:, starts]
+    length = np.sqrt(np.einsum("tki,tki->tk", bones, bones))[..., None]
+    return np.where(length > _SHORTEST, bones, now)
 
 
 def match_directions(rest: ArrayLike, target: ArrayLike, *, weights: ArrayLike | None = None) -> Array:

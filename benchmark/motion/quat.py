@@ -27,20 +27,21 @@ def normalize(q: ArrayLike, *, eps: float = _EPS) -> Array:
     q = np.asarray(q, dtype=np.float64)
     length = np.sqrt(np.einsum("...i,...i->...", q, q))[..., None]
     safe = length > eps
+    if safe.all():
+        return np.asarray(q / length)
     return np.where(safe, q / np.where(safe, length, 1.0), identity())
 
 
 def mul(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product ``a b``: the rotation ``b`` followed by ``a``."""
-    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    out = np.empty((*np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), 4))
-    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
-    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
-    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
-    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
-    return out
+    # (a + b j)(c + d j) = (a c - b d*) + (a d + b c*) j on pairs of complex numbers: a third of the calls of four components.
+    left = np.ascontiguousarray(a, dtype=np.float64).view(complex)
+    right = np.ascontiguousarray(b, dtype=np.float64).view(complex)
+    p, q, r, s = left[..., 0], left[..., 1], right[..., 0], right[..., 1]
+    out = np.empty((*np.broadcast_shapes(p.shape, r.shape), 2), dtype=complex)
+    np.subtract(p * r, q * s.conj(), out=out[..., 0])
+    np.add(p * s, q * r.conj(), out=out[..., 1])
+    return out.view(np.float64)
 
 
 def inverse(q: ArrayLike) -> Array:
@@ -56,9 +57,15 @@ def inv_mul(a: ArrayLike, b: ArrayLike) -> Array:
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """Vectors ``v`` (..., 3) turned by ``q`` (..., 4)."""
     q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
-    w, xyz = q[..., :1], q[..., 1:]
-    t = 2.0 * np.cross(xyz, v)
-    return v + w * t + np.cross(xyz, t)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    a, b, c = v[..., 0], v[..., 1], v[..., 2]
+    # By components: `np.cross` takes twice as long, most of it on axes and shapes.
+    ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    out = np.empty((*ta.shape, 3))
+    out[..., 0] = a + w * ta + (y * tc - z * tb)
+    out[..., 1] = b + w * tb + (z * ta - x * tc)
+    out[..., 2] = c + w * tc + (x * tb - y * ta)
+    return out
 
 
 def inv_rotate(q: ArrayLike, v: ArrayLike) -> Array:
@@ -84,7 +91,7 @@ def unroll(q: ArrayLike, *, axis: int = 0) -> Array:
     q = np.moveaxis(np.asarray(q, dtype=np.float64), axis, 0)
     if len(q) < 2:
         return np.moveaxis(q.copy(), 0, axis)
-    flips = np.sum(q[1:] * q[:-1], axis=-1) < 0.0
+    flips = np.einsum("...i,...i->...", q[1:], q[:-1]) < 0.0
     sign = np.where(np.logical_xor.accumulate(flips, axis=0), -1.0, 1.0)
     out = q.copy()
     out[1:] *= sign[..., None]
@@ -132,20 +139,28 @@ def between(a: ArrayLike, b: ArrayLike) -> Array:
 
     Opposite directions turn half a circle about an arbitrary but fixed perpendicular axis; zero vectors give the identity.
     """
-    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
-    na, nb = np.linalg.norm(a, axis=-1, keepdims=True), np.linalg.norm(b, axis=-1, keepdims=True)
+    u, v = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
+    na = np.sqrt(np.einsum("...i,...i->...", u, u))[..., None]
+    nb = np.sqrt(np.einsum("...i,...i->...", v, v))[..., None]
     usable = (na > _EPS) & (nb > _EPS)
-    a = np.where(usable, a / np.where(usable, na, 1.0), [1.0, 0.0, 0.0])
-    b = np.where(usable, b / np.where(usable, nb, 1.0), [1.0, 0.0, 0.0])
-    dot = np.sum(a * b, axis=-1, keepdims=True)
-    q = normalize(np.concatenate([1.0 + dot, np.cross(a, b)], axis=-1))
+    if usable.all():
+        u, v = u / na, v / nb
+    else:
+        u = np.where(usable, u / np.where(usable, na, 1.0), [1.0, 0.0, 0.0])
+        v = np.where(usable, v / np.where(usable, nb, 1.0), [1.0, 0.0, 0.0])
+    dot = np.einsum("...i,...i->...", u, v)[..., None]
+    q = np.empty((*dot.shape[:-1], 4))
+    q[..., :1] = 1.0 + dot
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1)), start=1):
+        q[..., i] = u[..., j] * v[..., k] - u[..., k] * v[..., j]
+    q = normalize(q)
     opposite = dot < -1.0 + 1e-6
     if np.any(opposite):
-        # Here 1 + dot and a x b are rounding noise; the sum of both directions is small and known to the last digit.
-        both = a + b
-        least = np.eye(3)[np.argmin(np.abs(a), axis=-1)]
-        axis = np.cross(a, both)
-        axis = np.where(np.linalg.norm(axis, axis=-1, keepdims=True) > 1e-15, axis, np.cross(a, least))
+        # Here 1 + dot and u x v are rounding noise; the sum of both directions is small and known to the last digit.
+        both = u + v
+        least = np.eye(3)[np.argmin(np.abs(u), axis=-1)]
+        axis = np.cross(u, both)
+        axis = np.where(np.linalg.norm(axis, axis=-1, keepdims=True) > 1e-15, axis, np.cross(u, least))
         axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
         cos = 0.5 * np.linalg.norm(both, axis=-1, keepdims=True)
         turn = np.concatenate([cos, np.sqrt(np.maximum(1.0 - cos * cos, 0.0)) * axis], axis=-1)

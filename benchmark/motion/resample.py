@@ -6,6 +6,8 @@ of gravity), everything else linearly.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -98,9 +100,11 @@ def sample_at(clip: MotionClip, times: ArrayLike, *, fps: float) -> MotionClip:
     t = position - low
 
     rotations = quat.unroll(clip.rotations)
-    between = quat.slerp(rotations[low], rotations[high], t[:, None])
-    between = np.where((t == 0.0)[:, None, None], rotations[low], between)
-    between = np.where((t == 1.0)[:, None, None], rotations[high], between)
+    at_frame = (t == 0.0) | (t == 1.0)
+    between = rotations[np.where(t == 1.0, high, low)]
+    if not at_frame.all():
+        inside = ~at_frame
+        between[inside] = quat.slerp(rotations[low[inside]], rotations[high[inside]], t[inside, None])
     return clip.replace(
         rotations=between,
         root=_cubic(clip.root, position),
@@ -150,8 +154,10 @@ def _cubic(values: Array, position: Array) -> Array:
 
     if len(values) == 1:
         return np.repeat(values, len(position), axis=0)
-    out: Array = CubicSpline(np.arange(len(values)), values, axis=0)(position)
     at_knot = position == np.round(position)
+    if at_knot.all():
+        return values[position.astype(np.int64)]
+    out: Array = CubicSpline(np.arange(len(values)), values, axis=0)(position)
     out[at_knot] = values[position[at_knot].astype(np.int64)]
     return out
 
@@ -163,17 +169,26 @@ def _linear(values: Array | None, low: NDArray[np.int64], high: NDArray[np.int64
     return (1.0 - weight) * values[low] + weight * values[high]
 
 
+@lru_cache(maxsize=512)
 def _kernel(relative: float, half: int) -> Array:
-    """(2 half + 1,) symmetric low-pass kernel with sum 1 and second moment 0, hence exact for cubics."""
+    """(2 half + 1,) symmetric low-pass kernel with sum 1 and second moment 0, hence exact for cubics; read-only.
+
+    A filter needs one of every width for the ends, and all clips of a data set need the same.
+    """
     k = np.arange(-half, half + 1, dtype=np.float64)
     if half < 2:
-        return (k == 0).astype(np.float64)
+        return _constant((k == 0).astype(np.float64))
     window = 0.54 + 0.46 * np.cos(np.pi * k / (half + 1))
     base = window * 2.0 * relative * np.sinc(2.0 * relative * k)
     m0, m2, m4 = (float(np.sum(base * k**p)) for p in (0, 2, 4))
     # The narrowed kernels near the ends are plain bumps; a factor a + b k^2 meets both conditions for any width.
     det = m0 * m4 - m2 * m2
-    return base * (m4 - m2 * k * k) / det
+    return _constant(base * (m4 - m2 * k * k) / det)
+
+
+def _constant(array: Array) -> Array:
+    array.flags.writeable = False
+    return array
 
 
 def _filter(values: Array, relative: float) -> Array:

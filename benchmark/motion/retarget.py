@@ -16,6 +16,8 @@ Root
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ from benchmark.errors import SkeletonError
 from benchmark.motion import quat
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.ik import match_directions
-from benchmark.motion.kinematics import fk
+from benchmark.motion.kinematics import fk, local_from_world
 from benchmark.motion.skeleton import CORE_ROLES, SIDES, Skeleton
 
 Array = NDArray[np.float64]
@@ -86,9 +88,8 @@ def retarget(clip: MotionClip, skeleton: Skeleton, *, ground: bool = True) -> Mo
         rotations = _matched(clip, skeleton, pairs)
     scale = skeleton.leg_length / source.leg_length
     root = _root(skeleton, rotations, scale * clip.positions[:, source.joint("hips")])
-    if ground:
-        root = root + [0.0, _lift(clip, skeleton, rotations, root, scale), 0.0]
-    return MotionClip(skeleton, rotations, root, clip.fps, meta=clip.meta)
+    put = MotionClip(skeleton, rotations, root, clip.fps, meta=clip.meta)
+    return put.with_root(put.root + [0.0, _lift(clip, put, scale), 0.0]) if ground else put
 
 
 def _same_rest(a: Skeleton, b: Skeleton) -> bool:
@@ -106,22 +107,29 @@ def _rest_positions(skeleton: Skeleton) -> Array:
 
 def _matched(clip: MotionClip, skeleton: Skeleton, pairs: dict[int, int]) -> Array:
     """(T, J, 4) local rotations that give paired joints their counterparts' orientations."""
-    corrections = _corrections(clip.skeleton, skeleton, pairs)
-    collars = _collars(skeleton, pairs)
-    turned = clip.world[0]
-    frames = len(clip)
+    corrections, collars = _rest_turns(clip.skeleton, skeleton, tuple(sorted(pairs.items())))
+    frames, joints = len(clip), list(corrections)
     world = quat.identity(frames, len(skeleton))
     rotations = quat.identity(frames, len(skeleton))
+    turned = clip.world[0][:, [pairs[joint] for joint in joints]]
+    world[:, joints] = quat.mul(turned, np.array([corrections[joint] for joint in joints]))
     for joint in range(len(skeleton)):
-        parent = int(skeleton.parents[joint])
-        above = world[:, parent] if parent >= 0 else quat.identity(frames)
         if joint in pairs:
-            world[:, joint] = quat.mul(turned[:, pairs[joint]], corrections[joint])
-            rotations[:, joint] = quat.inv_mul(above, world[:, joint])
-        else:
-            rotations[:, joint] = collars.get(joint, quat.identity())
-            world[:, joint] = quat.mul(above, rotations[:, joint])
+            continue
+        parent = int(skeleton.parents[joint])
+        rotations[:, joint] = collars.get(joint, quat.identity())
+        above = world[:, parent] if parent >= 0 else quat.identity(frames)
+        world[:, joint] = quat.mul(above, rotations[:, joint])
+    rotations[:, joints] = local_from_world(skeleton, world)[:, joints]
     return quat.normalize(quat.unroll(rotations))
+
+
+@lru_cache(maxsize=256)
+def _rest_turns(
+    source: Skeleton, target: Skeleton, pairs: tuple[tuple[int, int], ...]
+) -> tuple[dict[int, Array], dict[int, Array]]:
+    """What :func:`_matched` needs of the two rest poses. All clips of a performer share it; it takes as long as one."""
+    return _corrections(source, target, dict(pairs)), _collars(target, dict(pairs))
 
 
 def _corrections(source: Skeleton, target: Skeleton, pairs: dict[int, int]) -> dict[int, Array]:
@@ -249,18 +257,18 @@ def _root(skeleton: Skeleton, rotations: Array, hips: Array) -> Array:
     return hips - fk(skeleton, rotations, np.zeros_like(hips))[1][:, joint]
 
 
-def _lift(clip: MotionClip, skeleton: Skeleton, rotations: Array, root: Array, scale: float) -> float:
+def _lift(clip: MotionClip, put: MotionClip, scale: float) -> float:
     """Metres by which to raise the whole clip.
 
     In the frames in which the source's lowest foot joint is lowest, the target's should be at the same height in leg
     lengths; the median difference is made up.
     """
-    source = clip.skeleton
+    source, skeleton = clip.skeleton, put.skeleton
     roles = [f"{side}_ankle" for side in SIDES]
     toes = [f"{side}_toe" for side in SIDES]
     if source.has(*toes) and skeleton.has(*toes):
         roles += toes
     was = clip.positions[:, source.joints(*roles), 1].min(axis=1)
-    now = fk(skeleton, rotations, root)[1][:, skeleton.joints(*roles), 1].min(axis=1)
+    now = put.positions[:, skeleton.joints(*roles), 1].min(axis=1)
     stance = was <= np.quantile(was, STANCE_SHARE)
     return float(np.median(scale * was[stance] - now[stance]))

@@ -318,6 +318,7 @@ class CycleGanKc(Method):
         picked, known = self._chosen(source)
         drawn = draw(
             self.generator_,
+            self.decoder_,
             Padded(low, self._margin()),
             [self.styles_[index] for index in picked],
             self._kinematics("cpu"),
@@ -558,9 +559,11 @@ class CycleGanKc(Method):
         """Keep a trained generator, and what it takes from each example, which follows from it."""
         import torch
 
+        from methods.cyclegan_kc.analytic import PairDecoder
         from methods.cyclegan_kc.refinement import Padded
 
         self.generator_ = generator.cpu().eval().requires_grad_(False)
+        self.decoder_ = PairDecoder(self.generator_.autoencoder.decoder)
         with torch.no_grad():
             self.styles_: list[Style] = [
                 Padded(example.channels, self._margin()).style(generator) for example in self.examples_

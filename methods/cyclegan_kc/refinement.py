@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
+from benchmark.errors import ContractError
+from methods.cyclegan_kc.analytic import KinematicDescent, PairDecoder
 from methods.cyclegan_kc.losses import Kinematics
 from methods.cyclegan_kc.network import Generator, Style, halved, statistics
-from methods.holden.descent import descend
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,15 @@ class Padded:
         self.valid = torch.zeros((1, len(held)), dtype=torch.bool)
         self.valid[:, self.inner] = True
 
+    def hidden_frames(self, hidden: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
+        """Of all hidden frames (T' / 2, F) those that the clip's own frames depend on, ``reach`` to either side."""
+        first, last = self.inner.start // 2 - reach, (self.inner.stop + 1) // 2 + reach
+        if first < 0 or last > len(hidden):
+            raise ContractError(
+                f"a margin of {self.inner.start} frames is too short for filters that reach over {2 * reach}"
+            )
+        return np.ascontiguousarray(hidden[first:last])
+
     def style(self, generator: Generator) -> Style:
         """What a generator takes from this clip."""
         return statistics(generator.encode(self.x), halved(self.valid))
@@ -53,6 +62,7 @@ class Padded:
 
 def draw(
     generator: Generator,
+    decoder: PairDecoder,
     clip: Padded,
     styles: Sequence[Style],
     kinematics: Kinematics,
@@ -66,6 +76,8 @@ def draw(
     ----------
     generator
         Without gradients.
+    decoder
+        Its decoder's convolution.
     clip
         Content.
     styles
@@ -76,20 +88,21 @@ def draw(
         Of the descent, and Adam's learning rate; 0 iterations keep what the generator gave.
     """
     style = Style(*(torch.cat(parts) for parts in zip(*styles, strict=True))).averaged()
-    with torch.no_grad():
+    with torch.inference_mode():
         content = generator.encode(clip.x)
         counted = halved(clip.valid)
         hidden = generator.stylise(content, counted, statistics(content, counted), style)
-
-    def loss(moved: Tensor) -> Tensor:
-        return kinematics.total(generator.decode(moved, clip.x, content), clip.x, clip.valid)
-
-    with torch.no_grad():
-        before = float(loss(hidden))
-    # Without a kinematic term there is nothing to descend, and no gradient.
-    if iterations and any(kinematics.weights):
-        hidden = descend(loss, hidden, iterations=iterations, step=step)
-    with torch.no_grad():
-        made = generator.decode(hidden, clip.x, content)
-        after, bones = float(loss(hidden)), float(kinematics.bone_error(made, clip.valid))
-    return Drawn(made[0, :, clip.inner].T.numpy().astype(np.float64), before, after, bones)
+        layer = generator.autoencoder.decoder
+        own = clip.x[0, :, clip.inner].T.numpy()
+        if generator.residual:
+            hidden, base = hidden - content, own
+        else:
+            assert layer.bias is not None
+            base = layer.bias.numpy()
+    descent = KinematicDescent(kinematics, decoder, own, base)
+    start = clip.hidden_frames(hidden[0].T.numpy(), decoder.reach)
+    # Without a kinematic term there is nothing to descend.
+    lowest, before, after = descent.lowest(start, iterations=iterations if any(kinematics.weights) else 0, step=step)
+    made = descent.channels(lowest)
+    bones = kinematics.bone_error(torch.from_numpy(made.T[None]), torch.ones((1, len(made)), dtype=torch.bool))
+    return Drawn(made.astype(np.float64), before, after, float(bones))

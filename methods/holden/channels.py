@@ -97,7 +97,7 @@ class Layout:
         local = values[:, self.positions].reshape(len(values), -1, 3)
         from_hips = local - local[:, :1]
         from_hips[:, 0, 1] = local[:, 0, 1]
-        return pose(base.replace(root=root), from_hips, coordinates="hips", unit=leg)
+        return pose(base.with_root(root), from_hips, coordinates="hips", unit=leg, yaw=yaw)
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,13 @@ def channels(clip: MotionClip, *, coordinates: str = "parent", unit: float = 1.0
 
 
 def pose(
-    clip: MotionClip, values: Array, *, coordinates: str = "parent", unit: float = 1.0, floor: str = "follow"
+    clip: MotionClip,
+    values: Array,
+    *,
+    coordinates: str = "parent",
+    unit: float = 1.0,
+    floor: str = "follow",
+    yaw: Array | None = None,
 ) -> MotionClip:
     """The clip whose bones point as ``values`` say; inverse of :func:`channels` up to bone lengths.
 
@@ -73,6 +79,8 @@ def pose(
     floor
         ``clip``: one constant shift for the whole clip; ``follow``: in addition a slowly varying one, read off the frames in
         which a foot of ``clip`` stands and carried over those in which none does, so that a flight keeps its height.
+    yaw
+        (T,) the smoothed facing direction of ``clip`` in radians, where it is known already.
     """
     skeleton = clip.skeleton
     if coordinates == "parent":
@@ -82,7 +90,8 @@ def pose(
     else:
         positions = values.copy()
         positions[:, 0] = 0.0
-    rotations = aim_bones(skeleton, clip.rotations, quat.rotate(_facing(clip)[:, None], positions))
+    facing = _facing(clip) if yaw is None else quat.from_axis_angle([0.0, 1.0, 0.0], yaw)
+    rotations = aim_bones(skeleton, clip.rotations, quat.rotate(facing[:, None], positions))
     root = clip.root.copy()
     root[:, 1] = values[:, 0, 1] * unit
     posed = clip.replace(rotations=rotations, root=root, translations=None, residual=None, source=None)
@@ -92,7 +101,7 @@ def pose(
     shift = np.full(len(clip), np.median((was - now)[standing]))
     if floor == "follow":
         shift = _carried(was - now, standing, FLOOR_SIGMA * clip.fps)
-    return posed.replace(root=root + shift[:, None] * [0.0, 1.0, 0.0])
+    return posed.with_root(root + shift[:, None] * [0.0, 1.0, 0.0])
 
 
 def _facing(clip: MotionClip) -> Array:

@@ -23,6 +23,7 @@ NAMES = (
     "bench_identification",
     "bench_translation",
     "bench_cyclegan",
+    "bench_kc",
     "run",
 )
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -147,6 +148,15 @@ def test_cyclegan_bench_runs(speed):
     case = speed.bench_cyclegan.Case(3, 2, 1, 4, 3)
     with pytest.raises(ValueError, match="its loss"):
         case.check(lambda: dict.fromkeys(("adversarial", "cycle", "coherence", "d_source", "d_target"), 0.5))
+
+
+def test_kc_bench_runs(speed):
+    rows = speed.bench_kc.run(Silent(), sizes={1.0: 1}, takes=1, params={"preset": "smoke"})
+    check_rows(rows)
+    assert [(row["what"], row["unit"]) for row in rows] == [
+        ("ours", "times real time"),
+        ("ours, without refinement", "times real time"),
+    ]
 
 
 def row(task: str, what: str, value: float | None, unit: str = "ms") -> dict:

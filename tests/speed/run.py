@@ -32,6 +32,7 @@ BENCHES = {
     "identification": "bench_identification",
     "translation": "bench_translation",
     "cyclegan": "bench_cyclegan",
+    "kc": "bench_kc",
 }
 INSTALL = "pip install -c constraints.txt -e '.[peers]'"
 
@@ -65,6 +66,7 @@ GOALS = (
     Goal("Identification accuracy", "no more than 5 % behind any peer", faster_than="", times=0.95),
     Goal("CycleGAN training", "at least 10 times the plain one, batch 1", faster_than="plain, batch 1", times=10.0),
     Goal("CycleGAN transfer", "at least 100 times real time", at_least=100.0),
+    Goal("cyclegan-kc transfer", "at least 100 times real time", at_least=100.0),
 )
 
 

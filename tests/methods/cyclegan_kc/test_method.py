@@ -90,6 +90,7 @@ def test_refinement_never_raises_the_kinematic_loss_and_lowers_it_with_sane_step
     picked, _ = method._chosen(source)
     drawn = draw(
         method.generator_,
+        method.decoder_,
         Padded(channels(method, source), method._margin()),
         [method.styles_[index] for index in picked],
         method._kinematics("cpu"),
