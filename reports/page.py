@@ -105,7 +105,7 @@ def _entry(row: Any) -> dict[str, str]:
         "value": repr(float(row.mean)),
         "text": number(row.mean),
         "interval": interval,
-        "title": f"n = {row.n} clips",
+        "title": f"n = {row.n} clips" if row.n > 1 else "one value for all clips together",
     }
 
 

@@ -14,6 +14,9 @@ from reports.run import RunView
 if TYPE_CHECKING:
     import pandas as pd
 
+#: The suite's groups of metrics in the order in which they are shown.
+GROUPS = ("style", "recognition", "distribution", "truth", "content", "timing", "physics", "jump")
+
 ARROWS = {"lower": "↓", "higher": "↑", "target": "→", "none": ""}
 _LATEX_ARROWS = {"lower": r"$\downarrow$", "higher": r"$\uparrow$", "none": ""}
 
@@ -44,9 +47,11 @@ def arrow(direction: str, target: float | None) -> str:
 
 
 def by_group(table: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """The rows of a leaderboard by the group of their metric, ``style`` of ``style/pose-distance``, in order."""
+    """The rows of a leaderboard by the group of their metric, ``style`` of ``style/pose-distance``: style first."""
     groups = table["metric"].str.partition("/")[0]
-    return {str(group): table[groups == group] for group in dict.fromkeys(groups)}
+    found = dict.fromkeys(groups)
+    ordered = [group for group in GROUPS if group in found] + [group for group in found if group not in GROUPS]
+    return {str(group): table[groups == group] for group in ordered}
 
 
 def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:

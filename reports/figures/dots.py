@@ -20,7 +20,8 @@ _COLUMNS = 3
 
 def _panel_title(metric: str, unit: str, direction: str) -> str:
     arrow = {"lower": " ↓", "higher": " ↑"}.get(direction, "")
-    return f"{metric}{'' if unit in ('', '1') else f' ({unit})'}{arrow}"
+    # The group is that of the whole figure; it stands in the caption.
+    return f"{metric.partition('/')[2] or metric}{'' if unit in ('', '1') else f' ({unit})'}{arrow}"
 
 
 def dots(table: pd.DataFrame, *, real: str) -> Figure:

@@ -15,6 +15,7 @@ from benchmark.commands.figures import figures
 from benchmark.errors import StoreError, UnknownNameError
 from reports.build import build_report, draw_figures
 from reports.run import RunView
+from reports.tables import by_group, with_values
 
 
 class Page(HTMLParser):
@@ -48,8 +49,9 @@ def test_page_stands_alone(page, finished):
     outside = [a for _, attributes in page.elements for k, a in attributes.items() if k in ("src", "href")]
     assert outside and not any(re.match(r"(https?:)?//", link) for link in outside)
     images = page.all("img")
-    # Metrics, pose strips, and the landing of the jump that is one of the two clips.
-    assert len(images) == 3
+    # The metrics of each group, pose strips, and the landing of the jump that is one of the two clips.
+    groups = by_group(with_values(RunView(finished).leaderboard("adult:child")))
+    assert len(images) == len(groups) + 2
     assert all(image["src"].startswith("data:image/png;base64,") and len(image["alt"]) > 40 for image in images)
     for link in page.all("a"):
         assert (finished / "report" / link["href"]).resolve().is_file(), link
@@ -89,12 +91,16 @@ def test_tables_for_papers(finished):
     assert {"physics/jerk-ratio", "truth/pose-distance"} <= set(csv["metric"])
     tex = (finished / "tables" / "leaderboard-adult-to-child-raw.tex").read_text(encoding="utf-8")
     body = tex.split(r"\midrule")[1].split(r"\bottomrule")[0].strip().splitlines()
-    assert len(body) == 3 and len({line.count(" & ") for line in body}) == 1
+    groups = by_group(csv[csv["metric"].isin(csv.loc[csv["mean"].notna(), "metric"])])
+    assert tex.count(r"\begin{tabular}") == len(groups)
+    assert (
+        len(body) == groups[next(iter(groups))]["metric"].nunique() and len({line.count(" & ") for line in body}) == 1
+    )
     markdown = (finished / "tables" / "leaderboard-adult-to-child-raw.md").read_text(encoding="utf-8").splitlines()
     measured = csv.loc[csv["mean"].notna(), "metric"].nunique()
     assert len(markdown) == 2 + measured and len({line.count("|") for line in markdown}) == 1
-    assert body[-1].startswith("held-out performer &")
-    assert "{content/pose-distance [deg]" in tex and "{truth/pose-distance [leg]" in tex
+    assert tex.count("{held-out performer}") == len(groups)
+    assert "\npose-distance [deg]" in tex and "\npose-distance [leg]" in tex
     assert tex.count("{") == tex.count("}") and "Synthetic data" in tex
 
 
@@ -134,19 +140,24 @@ def with_holes(finished, tmp_path_factory):
 def test_failed_and_skipped_methods_are_shown_with_their_reasons(with_holes):
     page = Page(build_report(with_holes).read_text(encoding="utf-8"))
     assert "failed : ValueError: <planted> & 5% of_it ^2" in page.text.replace("failed:", "failed :")
-    metrics = RunView(with_holes).leaderboard("adult:child")["metric"].nunique()
-    # Two tables, raw and cleaned, each with a row of dashes that say why.
+    groups = by_group(RunView(with_holes).leaderboard("adult:child"))
+    # A table for each group, and one for physics after the foot lock, each with a row of dashes that say why.
+    metrics = sum(table["metric"].nunique() for table in (*groups.values(), groups["physics"]))
     titles = [cell.get("title", "") for cell in page.all("td")]
-    assert titles.count("needs a GPU") == 2 * metrics
-    assert titles.count("ValueError: <planted> & 5% of_it ^2") == 2 * metrics
+    assert titles.count("needs a GPU") == metrics
+    assert titles.count("ValueError: <planted> & 5% of_it ^2") == metrics
     holes = page.text.split("Metrics without a value")[1].split("config.toml")[0]
     assert "needs a GPU" not in holes and "planted" not in holes
     for variant in ("raw", "cleaned"):
         stem = with_holes / "tables" / f"leaderboard-adult-to-child-{variant}"
+        tex = stem.with_suffix(".tex").read_text(encoding="utf-8")
+        # Two columns of dashes, beside the three methods that have values.
+        assert all(line.count("--") >= 2 for line in tex.splitlines() if line.startswith("jerk-ratio"))
         for method in ("raising", "needs-gpu"):
-            assert f"{method} & -- & --" in stem.with_suffix(".tex").read_text(encoding="utf-8")
+            assert f"{{{method}}}" in tex
             assert f" {method} |" in stem.with_suffix(".md").read_text(encoding="utf-8").splitlines()[0]
-    assert all((with_holes / "figures" / f"{name}-adult-to-child.png").is_file() for name in ("metrics", "pose-strip"))
+    assert (with_holes / "figures" / "pose-strip-adult-to-child.png").is_file()
+    assert (with_holes / "figures" / "metrics-adult-to-child-style.png").is_file()
 
 
 def test_unknown_figures_and_folders_are_refused(finished, tmp_path):
@@ -158,4 +169,4 @@ def test_unknown_figures_and_folders_are_refused(finished, tmp_path):
 
 def test_figures_command_names_the_files(finished):
     result = CliRunner().invoke(figures, [str(finished), "--only", "metric-*"])
-    assert result.exit_code == 0 and "metrics-adult-to-child.png" in result.output
+    assert result.exit_code == 0 and "metrics-adult-to-child-style.png" in result.output

@@ -45,8 +45,8 @@ def test_a_name_that_two_groups_share_keeps_its_group():
 
 
 def test_latex_escapes_what_it_would_read_as_a_command():
-    columns = ["method", "label", "metric", "unit", "direction", "target", "mean", "low", "high"]
-    row = ("a", "a", "b/c", "1", "lower", float("nan"), 1.0, 1.0, 1.0)
+    columns = ["method", "label", "metric", "unit", "direction", "target", "mean", "low", "high", "n"]
+    row = ("a", "a", "b/c", "1", "lower", float("nan"), 1.0, 1.0, 1.0, 2)
     tex = latex_leaderboard(pd.DataFrame([row], columns=columns), caption="folder:~/a^b{c}_d", label="t")
     assert r"\caption{folder:\textasciitilde{}/a\textasciicircum{}b\{c\}\_d}" in tex
 
