@@ -239,7 +239,7 @@ CLAIMS: tuple[Claim | Untestable, ...] = (
         "section 5.3, figure 7",
         "Without the coherence loss joints are jittery; with it motion is smooth",
         (Contrast("physics/jerk-ratio", _GAN, "cyclegan[coherence=0]", "lower"),),
-        note="after the paper's own smoothing at 7 Hz, which hides part of the jitter",
+        note="what the network changes is low-passed at 7 Hz, which hides part of the jitter",
     ),
     Claim(
         "transition-leaves-artefacts",

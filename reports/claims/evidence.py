@@ -117,7 +117,10 @@ def judge(runs: Sequence[RunView], claims: Sequence[Claim | Untestable] = CLAIMS
                 continue
             facts = {name: getattr(found, name) for name in ("n", "effect", "low", "high", "p", "run", "task")}
             notes = "; ".join(filter(None, (found.note, claim.note)))
-            rows.append({**row, **facts, "why": notes, "margin": getattr(test, "margin", 0.0)})
+            margin = getattr(test, "margin", 0.0)
+            if margin:  # judged by the interval; a test of "no difference" answers another question
+                facts["p"] = float("nan")
+            rows.append({**row, **facts, "why": notes, "margin": margin})
     numbers = ("effect", "low", "high", "p", "p_holm", "alpha", "margin")
     table = pd.DataFrame(rows, columns=[*COLUMNS, "margin"])
     table = table.astype({name: float if name in numbers else object for name in table.columns})

@@ -34,7 +34,16 @@ def jumped(tmp_path_factory) -> Path:
         [
             *(sys.executable, "-m", "benchmark", "run", "--dataset", "synthetic", "--split", "named"),
             *(part for option in options for part in ("--split-option", option)),
-            *("--methods", "identity,dynamic-scaling,nearest", "--variants", "raw", "--limit", "1", "--metrics", "jump/*"),
+            *(
+                "--methods",
+                "identity,dynamic-scaling,nearest",
+                "--variants",
+                "raw",
+                "--limit",
+                "1",
+                "--metrics",
+                "jump/*",
+            ),
             *("--no-report", "--quiet", "--out", str(folder)),
         ],
         check=True,
