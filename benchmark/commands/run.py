@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,7 +84,7 @@ asked for, 3 done but some cells failed, 130 interrupted.
     "--set", "assign", multiple=True, metavar="METHOD.PARAM=VALUE", help="A hyper-parameter; may be repeated."
 )
 @click.option("--dry-run", is_flag=True, help="Print the plan and what is cached, and run nothing.")
-@click.option("--no-report", is_flag=True, help="Leave the report out.")
+@click.option("--no-report", is_flag=True, help="Leave the report and the statistics out.")
 @click.option("--quiet", "-q", is_flag=True, help="Print the final lines only.")
 @click.pass_context
 def run(context: click.Context, **options: Any) -> None:
@@ -109,7 +110,8 @@ def run(context: click.Context, **options: Any) -> None:
         return
     outcome = _run(context, prepared, console, quiet=options["quiet"])
     report = None if options["no_report"] else _report(outcome, console)
-    show(outcome, console, report, time.perf_counter() - start, quiet=options["quiet"])
+    statistics = [] if options["no_report"] else _statistics(outcome, console)
+    show(outcome, console, report, time.perf_counter() - start, statistics=statistics, quiet=options["quiet"])
     if outcome.failures:
         context.exit(3)
 
@@ -152,7 +154,32 @@ def _report(outcome: Outcome, console: Console) -> Path | None:
     return built
 
 
-def show(outcome: Outcome, console: Console, report: Path | None, seconds: float, *, quiet: bool) -> None:
+def _statistics(outcome: Outcome, console: Console) -> list[str]:
+    """Compare the methods and simulate ratings, unless nothing has changed; a failure is shown and leaves the results."""
+    folder = outcome.folder / "stats"
+    if (folder / "metrics-comparison.csv").is_file() and not outcome.rebuilt:
+        return [f"statistics: {folder}"]
+    from benchmark.registry import load_target
+
+    try:
+        lines: list[str] = load_target("reports.analysis:analyse_run", "the statistics")(outcome.folder)
+    except Exception as error:  # results are safe on disk
+        if os.environ.get("BENCHMARK_DEBUG"):
+            raise
+        console.print(f"[red]the statistics failed[/red] ({type(error).__name__}: {error}); try `analyze`")
+        return []
+    return lines
+
+
+def show(
+    outcome: Outcome,
+    console: Console,
+    report: Path | None,
+    seconds: float,
+    *,
+    statistics: Sequence[str] = (),
+    quiet: bool,
+) -> None:
     """Print how a run ended: the leaderboard, what was skipped or failed and why, and where the results are."""
     from benchmark.runner.views import read_leaderboard
 
@@ -184,6 +211,8 @@ def show(outcome: Outcome, console: Console, report: Path | None, seconds: float
         soft_wrap=True,
     )
     console.print(f"results: {outcome.folder / 'results.parquet'}", markup=False, soft_wrap=True)
+    for line in statistics:
+        console.print(line, markup=False, soft_wrap=True)
     if report is not None:
         console.print(f"report: {report}", markup=False, soft_wrap=True)
 
