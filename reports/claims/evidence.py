@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -87,7 +87,8 @@ class MissingEvidenceError(Exception):
 def judge(runs: Sequence[RunView], claims: Sequence[Claim | Untestable] = CLAIMS) -> pd.DataFrame:
     """One row for each test of each claim, with columns :data:`COLUMNS`.
 
-    Each test is made on the first task of the first run that has what it needs. p values are corrected by Holm's method over
+    Each test is made on the first task of the first run that has what it needs, or on every one where the claim is about every
+    style. p values are corrected by Holm's method over
     all tests that have one. A claim holds where each of its tests shows the stated difference: its interval is on the stated
     side of 0 and its corrected p value below the claim's level.
 
@@ -111,16 +112,18 @@ def judge(runs: Sequence[RunView], claims: Sequence[Claim | Untestable] = CLAIMS
         for test in claim.tests:
             row = {**common, "test": test.words, "alpha": claim.alpha}
             try:
-                found = find(runs, test)
+                findings = find_all(runs, test) if claim.every_task else [find(runs, test)]
             except MissingEvidenceError as missing:
                 rows.append({**row, "verdict": UNTESTED, "why": str(missing)})
                 continue
-            facts = {name: getattr(found, name) for name in ("n", "effect", "low", "high", "p", "run", "task")}
-            notes = "; ".join(filter(None, (found.note, claim.note)))
-            margin = getattr(test, "margin", 0.0)
-            if margin:  # judged by the interval; a test of "no difference" answers another question
-                facts["p"] = float("nan")
-            rows.append({**row, **facts, "why": notes, "margin": margin})
+            for found in findings:
+                facts = {name: getattr(found, name) for name in ("n", "effect", "low", "high", "p", "run", "task")}
+                notes = "; ".join(filter(None, (found.note, claim.note)))
+                margin = getattr(test, "margin", 0.0)
+                if margin:  # judged by the interval; a test of "no difference" answers another question
+                    facts["p"] = float("nan")
+                where = f" ({found.run}, {found.task})" if claim.every_task else ""
+                rows.append({**row, "test": test.words + where, **facts, "why": notes, "margin": margin})
     numbers = ("effect", "low", "high", "p", "p_holm", "alpha", "margin")
     table = pd.DataFrame(rows, columns=[*COLUMNS, "margin"])
     table = table.astype({name: float if name in numbers else object for name in table.columns})
@@ -166,14 +169,30 @@ def find(runs: Sequence[RunView], test: Test) -> Finding:
         return _rated(runs, test)
     if isinstance(test, Nearer):
         return _nearer(runs, test)
-    reasons = []
+    return next(_everywhere(runs, test))
+
+
+def find_all(runs: Sequence[RunView], test: Test) -> list[Finding]:
+    """The test on every task of every run that can answer it; a :class:`MissingEvidenceError` if none can.
+
+    Of ratings and of the poster's jumps there is one finding only.
+    """
+    return [find(runs, test)] if isinstance(test, Rated | Nearer) else list(_everywhere(runs, test))
+
+
+def _everywhere(runs: Sequence[RunView], test: Contrast | Level | Between) -> Iterator[Finding]:
+    reasons, found = [], False
     for run in runs:
         for task in run.tasks:
             try:
-                return _measured(run, task, test)
+                finding = _measured(run, task, test)
             except MissingEvidenceError as missing:
                 reasons.append(f"{run.folder.name}: {missing}" if len(runs) > 1 else str(missing))
-    raise MissingEvidenceError("; ".join(dict.fromkeys(reasons)))
+                continue
+            found = True
+            yield finding
+    if not found:
+        raise MissingEvidenceError("; ".join(dict.fromkeys(reasons)))
 
 
 def _measured(run: RunView, task: str, test: Contrast | Level | Between) -> Finding:

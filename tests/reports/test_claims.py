@@ -116,6 +116,25 @@ def test_the_first_run_that_can_answer_does(run, tmp_path):
     assert find([run, other], Contrast("m/x", "better", "identity", "lower")).run == "run"
 
 
+def test_a_claim_about_every_style_is_tested_on_every_task(run, tmp_path):
+    import pandas as pd
+
+    rows = run.results.drop(columns="task")
+    other = rows.assign(target_style="old")
+    other.loc[other["method"] == "better", "value"] += 1.0
+    folder = tmp_path / "styles"
+    folder.mkdir()
+    pd.concat([rows, other]).to_parquet(folder / "results.parquet")
+    (folder / "leaderboard.csv").write_text("")
+    test = Contrast("m/x", "better", "identity", "lower")
+    whole = Claim("c", "Paper", "section", "It is so", (test,), every_task=True)
+    table = judge([RunView(folder)], [whole])
+    assert table["verdict"].tolist() == [HOLDS, FAILS]
+    assert [text.rpartition("(")[2] for text in table["test"]] == ["styles, adult:child)", "styles, adult:old)"]
+    assert claim_verdicts(table)["c"] == FAILS
+    assert len(judge([RunView(folder)], [claim(test)])) == 1
+
+
 def test_holm_is_over_the_whole_table(run):
     tests = [claim(Contrast("m/x", "better", "identity", "lower"), name=f"c{k}") for k in range(5)]
     table = judge([run], tests)
