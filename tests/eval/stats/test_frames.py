@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import eval.stats as stats_package
+from eval import stats as stats_package
 from eval.stats.frames import binary, levels_of, to_wide
 
 RM = {"subject": "rater", "within": "method", "value": "score"}
