@@ -52,7 +52,9 @@ def strip(rows: Sequence[tuple[str, MotionClip]], *, poses: int = 10) -> Figure:
             axes.set_ylim(-below, above)
             axes.set_aspect("equal", anchor="W")
             axes.axis("off")
-            axes.text(-0.01, 0.5, label, transform=axes.transAxes, ha="right", va="center", fontsize=7.5)
+            # The margin holds 18 letters of this size; a longer name is set smaller, not cut.
+            size = 7.5 * min(1.0, 18 / max(map(len, label.split("\n"))))
+            axes.text(-0.01, 0.5, label, transform=axes.transAxes, ha="right", va="center", fontsize=size)
     return figure
 
 
