@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # Continuous integration tries the same examples each time, so that it fails only for what a change did.
 settings.register_profile("ci", derandomize=True)
@@ -58,3 +64,27 @@ def bandai_namco(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 def rng() -> np.random.Generator:
     """A fixed generator."""
     return np.random.default_rng(20201016)
+
+
+#: What keeps a chromium from asking for anything by itself.
+_QUIET = (
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update"),
+)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """A headless chromium, the system's own; ``CHROMIUM`` names another one.
+
+    One for each module: while it lives, its event loop runs in this thread, and ``asyncio.run`` is refused.
+    """
+    sync_api = pytest.importorskip("playwright.sync_api")
+    names = (os.environ.get("CHROMIUM", ""), "chromium", "chromium-browser", "google-chrome")
+    executable = next((found for name in names if name and (found := shutil.which(name))), None)
+    if executable is None:
+        pytest.skip("no chromium: install it, or name one by CHROMIUM")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable, args=list(_QUIET))
+        yield browser
+        browser.close()
