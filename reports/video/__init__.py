@@ -1,0 +1,8 @@
+"""Videos of clips, alone or side by side: a lit body in perspective on a ground that scrolls, as MP4."""
+
+from __future__ import annotations
+
+from reports.video.encoder import EncoderError, VideoFacts
+from reports.video.scene import Panel, Scene, render, write_still, write_video
+
+__all__ = ["EncoderError", "Panel", "Scene", "VideoFacts", "render", "write_still", "write_video"]

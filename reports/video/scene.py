@@ -1,0 +1,316 @@
+"""Panels of one or several figures, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.errors import ConfigError
+from benchmark.motion.clip import MotionClip
+from benchmark.motion.skeleton import CORE_ROLES
+from reports.video.bodies import Body, make_body, stature
+from reports.video.camera import Camera, frame_camera, smooth_path
+from reports.video.cards import BAND, FAINT, REPEAT, band, card
+from reports.video.encoder import VideoFacts, check_size, encode
+from reports.video.ground import Ground, paint_shadow
+from reports.video.shading import paint
+from reports.video.timeline import schedule
+
+Array = NDArray[np.float64]
+Frame = NDArray[np.uint8]
+
+Normalise = Literal["none", "leg", "height"]
+
+#: Size of every figure that is brought to one, metres: leg from hip to ankle, and legs and trunk to the head's joint.
+LEG, HEIGHT = 0.8, 1.45
+
+#: Bodies in full light: trunk, left, right; and of one colour, where sides must not be told.
+_SIDES = np.array([(176, 180, 186), (72, 150, 214), (236, 140, 62)], dtype=np.float32) * np.float32(1.12)
+_NEUTRAL = np.repeat(np.array([(168, 178, 192)], dtype=np.float32), 3, axis=0) * np.float32(1.15)
+
+#: Pixels between panels.
+_GAP = 2
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One figure: a clip whose floor is at y = 0 and whose first frame faces +Z, and a title above it or none."""
+
+    clip: MotionClip
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a video shows.
+
+    Attributes
+    ----------
+    panels
+        The figures, on one clock, all at the same scale; one whose clip is over holds its last pose.
+    size
+        Width and height in pixels, even.
+    fps
+        Frames per second of the video; poses between a clip's frames are interpolated.
+    seconds
+        Length, or ``None`` for once through the longest clip; a longer clip is cut, a shorter one starts again.
+    repeat_card
+        Whether a card stands between two showings.
+    footer
+        A line below the picture: the data set and its licence.
+    sides
+        Whether left limbs are blue and right ones orange; else the body has one colour.
+    normalise
+        ``"none"``: bodies keep their size; ``"leg"`` or ``"height"``: all are brought to the same one, path and all, so that
+        size does not tell who it is. Timing is left alone.
+    """
+
+    panels: Sequence[Panel]
+    size: tuple[int, int] = (640, 480)
+    fps: float = 30
+    seconds: float | None = None
+    repeat_card: bool = True
+    footer: str = ""
+    sides: bool = True
+    normalise: Normalise = "none"
+
+    def __post_init__(self) -> None:
+        check_size(self.size)
+        if not self.panels:
+            raise ConfigError("a video needs at least one clip")
+        if not 1 <= self.fps <= 120:
+            raise ConfigError(f"a video has 1 to 120 frames per second, not {self.fps:g}")
+        if self.seconds is not None and not 0 < self.seconds <= 3600:
+            raise ConfigError(f"a video lasts more than 0 and at most 3600 seconds, not {self.seconds:g}")
+        if self.normalise not in ("none", "leg", "height"):
+            raise ConfigError(f"bodies are normalised by none, leg or height, not {self.normalise!r}")
+
+    @cached_property
+    def times(self) -> Array:
+        """(N,) time in the clips of each frame; NaN where the card stands."""
+        longest = max(panel.clip.duration for panel in self.panels)
+        return schedule(longest, self.fps, self.seconds, card=self.repeat_card)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames (H, W, 3), in order; each is a new array."""
+        stage = _Stage(self)
+        words = card(REPEAT, (self.size[0], stage.bottom))
+        for time in self.times:
+            if np.isnan(time):
+                picture = stage.blank.copy()
+                picture[: stage.bottom] = words
+                yield picture
+            else:
+                yield stage.picture(time)
+
+    def frame_at(self, seconds: float) -> Frame:
+        """The frame (H, W, 3) at a time in the clips."""
+        longest = max(panel.clip.duration for panel in self.panels)
+        if not 0 <= seconds <= longest:
+            raise ConfigError(f"a picture is taken between 0 and {longest:.2f} s of the clip, not at {seconds:g} s")
+        return _Stage(self).picture(seconds)
+
+
+def render(
+    panels: Sequence[Panel],
+    *,
+    size: tuple[int, int] = (640, 480),
+    fps: float = 30,
+    seconds: float | None = None,
+    repeat_card: bool = True,
+    footer: str = "",
+    sides: bool = True,
+    normalise: Normalise = "none",
+) -> Iterator[Frame]:
+    """The frames (H, W, 3) of a video; parameters as of :class:`Scene`."""
+    return Scene(panels, size, fps, seconds, repeat_card, footer, sides, normalise).frames()
+
+
+def write_video(
+    panels: Sequence[Panel],
+    path: Path,
+    *,
+    size: tuple[int, int] = (640, 480),
+    fps: float = 30,
+    seconds: float | None = None,
+    repeat_card: bool = True,
+    footer: str = "",
+    sides: bool = True,
+    normalise: Normalise = "none",
+    metadata: Mapping[str, str] | None = None,
+    report: Callable[[float], None] | None = None,
+) -> VideoFacts:
+    """Write panels as MP4, whole or not at all; the same input gives the same bytes.
+
+    Parameters
+    ----------
+    panels, size, fps, seconds, repeat_card, footer, sides, normalise
+        As of :class:`Scene`.
+    path
+        The file to write, ending in ``.mp4``; its folder is made.
+    metadata
+        Tags of the file, for example ``title``; none by default, so that a stimulus says nothing of its method.
+    report
+        Called with the share done, 0 to 1.
+
+    Raises
+    ------
+    ConfigError
+        If a setting is out of range or the file's name does not end in ``.mp4``.
+    EncoderError
+        If there is no ffmpeg, naming what to install, or it fails.
+    """
+    if path.suffix.lower() != ".mp4":
+        raise ConfigError(f"{path} does not end in .mp4, which is what can be written")
+    scene = Scene(panels, size, fps, seconds, repeat_card, footer, sides, normalise)
+    return encode(scene.frames(), len(scene), path, size=size, fps=fps, metadata=metadata, report=report)
+
+
+def write_still(
+    panels: Sequence[Panel],
+    path: Path,
+    *,
+    at: float,
+    size: tuple[int, int] = (640, 480),
+    footer: str = "",
+    sides: bool = True,
+    normalise: Normalise = "none",
+) -> None:
+    """Write one moment of panels as PNG; ``at`` in seconds of the clips, other parameters as of :class:`Scene`."""
+    import io
+
+    from PIL import Image
+
+    from benchmark.motion._atomic import atomic_write
+
+    if path.suffix.lower() != ".png":
+        raise ConfigError(f"{path} does not end in .png, which is what can be written")
+    scene = Scene(panels, size, footer=footer, sides=sides, normalise=normalise)
+    buffer = io.BytesIO()
+    Image.fromarray(scene.frame_at(at)).save(buffer, "PNG", optimize=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic_write(path, (buffer.getvalue(),))
+
+
+class _Figure:
+    """A panel's body, ready to be looked up by time."""
+
+    def __init__(self, panel: Panel, normalise: Normalise) -> None:
+        clip = panel.clip
+        self.fps, self.last = clip.fps, len(clip) - 1
+        self.body: Body = make_body(clip, scale=_scale(clip, normalise))
+        self.path = smooth_path(self.body.path, clip.fps)
+
+    def at(self, time: float) -> tuple[Array, Array, Array]:
+        """Path (3,), starts and ends (K, 3) at a time, interpolated between frames."""
+        position = min(time * self.fps, float(self.last))
+        low = int(position + 1e-9)
+        share = max(position - low, 0.0)
+        high = min(low + 1, self.last)
+        path, starts, ends = (
+            array[low] if share < 1e-9 else array[low] + share * (array[high] - array[low])
+            for array in (self.path, self.body.starts, self.body.ends)
+        )
+        return path, starts, ends
+
+    def cloud(self) -> Array:
+        """What must be seen, (T, P, 3) relative to the path: outsides of all capsules."""
+        body = self.body
+        points = np.concatenate([body.starts, body.ends], axis=1) - self.path[:, None]
+        radii = np.concatenate([body.radii[:, 0], body.radii[:, 1]])[:, None]
+        return np.concatenate([points + radii * side for side in np.concatenate([np.eye(3), -np.eye(3)])], axis=1)
+
+
+def _scale(clip: MotionClip, normalise: Normalise) -> float:
+    if normalise == "none":
+        return 1.0
+    skeleton = clip.skeleton
+    skeleton.joints(*CORE_ROLES)  # says which role is missing
+    return LEG / skeleton.leg_length if normalise == "leg" else HEIGHT / stature(skeleton)
+
+
+class _Stage:
+    """Everything of a scene that stays the same from frame to frame."""
+
+    def __init__(self, scene: Scene) -> None:
+        width, height = scene.size
+        self.figures = [_Figure(panel, scene.normalise) for panel in scene.panels]
+        self.colours = _SIDES if scene.sides else _NEUTRAL
+        small = max(min(width, height) // 44, 9)
+        self.bottom = height - (round(1.9 * small) if scene.footer else 0)
+        titled = any(panel.title for panel in scene.panels)
+        letters = max(min(width, height) // 34, 10)
+        head = round(1.8 * letters) if titled else 0
+        self.level = min(-figure.body.sole for figure in self.figures)
+        clouds = [figure.cloud() for figure in self.figures]
+        columns, camera = _best_grid(clouds, width, self.bottom, head, self.level)
+        self.camera: Camera = camera
+        self.ground = Ground(camera, self.level)
+        self.blank = np.empty((height, width, 3), dtype=np.uint8)
+        self.blank[...] = BAND
+        if scene.footer:
+            self.blank[self.bottom :] = band(scene.footer, width, height - self.bottom, size=small, colour=FAINT)
+        self.corners = []
+        rows = -(-len(self.figures) // columns)
+        for number, panel in enumerate(scene.panels):
+            row, column = divmod(number, columns)
+            x = round(column * (width + _GAP) / columns)
+            y = round(row * (self.bottom + _GAP) / rows)
+            if head:
+                self.blank[y : y + head, x : x + camera.width] = band(panel.title, camera.width, head, size=letters)
+            self.corners.append((x, y + head))
+
+    def picture(self, time: float) -> Frame:
+        """The frame (H, W, 3) at a time in the clips."""
+        picture = self.blank.copy()
+        for figure, (x, y) in zip(self.figures, self.corners, strict=True):
+            self._draw(picture[y : y + self.camera.height, x : x + self.camera.width], figure, time)
+        return picture
+
+    def _draw(self, picture: Frame, figure: _Figure, time: float) -> None:
+        camera, body = self.camera, figure.body
+        path, starts, ends = figure.at(time)
+        self.ground.draw(picture, path)
+        starts, ends = starts - path, ends - path
+        both = np.concatenate([starts, ends])
+        shade_x, shade_y, shade_scale = camera.project(self.ground.cast(both))
+        count = len(starts)
+        widths = 2.0 * body.radii.mean(axis=1) * shade_scale[:count] * 0.62
+        paint_shadow(
+            picture,
+            np.column_stack([shade_x[:count], shade_y[:count], shade_x[count:], shade_y[count:], widths]).tolist(),
+        )
+        x, y, scale = camera.project(both)
+        near = -camera.depth(both) * scale
+        radii = np.concatenate([body.radii[:, 0], body.radii[:, 1]]) * scale
+        ends_of = np.column_stack([x, y, near, radii])
+        table = np.hstack([ends_of[:count], ends_of[count:]]).tolist()
+        order = np.argsort(near[:count] + near[count:], kind="stable")
+        paint(picture, [(*table[k], int(body.sides[k])) for k in order], self.colours)
+
+
+def _best_grid(clouds: list[Array], width: int, height: int, head: int, level: float) -> tuple[int, Camera]:
+    """Columns of the grid of panels in which the figures are largest, and the camera of its panels."""
+    best: tuple[float, int, Camera] | None = None
+    for columns in range(1, len(clouds) + 1):
+        rows = -(-len(clouds) // columns)
+        wide = (width - _GAP * (columns - 1)) // columns
+        high = (height - _GAP * (rows - 1)) // rows - head
+        if wide < 24 or high < 24:
+            continue
+        camera = frame_camera(clouds, (wide, high), level)
+        size = camera.focal / camera.distance
+        if best is None or size > best[0] * 1.02:
+            best = (size, columns, camera)
+    if best is None:
+        raise ConfigError(f"{len(clouds)} panels do not fit into {width} x {height} pixels: choose a larger size")
+    return best[1], best[2]
