@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from reports.video.encoder import EncoderError, VideoFacts
+from reports.video.runs import credit
 from reports.video.scene import Panel, Scene, render, write_still, write_video
 
-__all__ = ["EncoderError", "Panel", "Scene", "VideoFacts", "render", "write_still", "write_video"]
+__all__ = ["EncoderError", "Panel", "Scene", "VideoFacts", "credit", "render", "write_still", "write_video"]

@@ -1,4 +1,4 @@
-"""The body that is drawn: tapered capsules between joints, with radii in shares of the leg, and the same for everybody."""
+"""The body that is drawn: tapered capsules between joints, with radii in shares of the stature, and the same for everybody."""
 
 from __future__ import annotations
 
@@ -9,23 +9,27 @@ from numpy.typing import NDArray
 
 from benchmark.motion import quat
 from benchmark.motion.clip import MotionClip
+from benchmark.motion.kinematics import fk
 from benchmark.motion.skeleton import CORE_ROLES, SIDES, Skeleton
 
 Array = NDArray[np.float64]
 
 TRUNK, LEFT, RIGHT = 0, 1, 2
 
-#: Radii at both ends, in leg lengths, of the limbs' segments, from the body down.
+#: Radii at both ends of the limbs' segments, from the body down. These and what follows are shares of :func:`leg_of`.
 _ARM = (("shoulder", "elbow", 0.065, 0.048), ("elbow", "wrist", 0.05, 0.036))
 _LEG = (("hip", "knee", 0.102, 0.068), ("knee", "ankle", 0.068, 0.043))
 _WRIST, _KNUCKLE = 0.036, 0.041
 _ANKLE, _HEEL, _BALL, _TOE = 0.044, 0.042, 0.04, 0.03
 _PELVIS, _WAIST, _CHEST, _SHOULDER = 0.108, 0.1, 0.112, 0.065
-_NECK, _CHIN, _HEAD = 0.058, 0.088, 0.118
+_NECK, _CHIN, _HEAD, _NOSE = 0.058, 0.088, 0.118, 0.024
 
-#: Leg lengths from the middle of the trunk to the axes of its two halves, at the waist and at the chest; from the ankle to the
+#: From the middle of the trunk to the axes of its two halves, at the waist and at the chest; from the ankle to the
 #: heel below and behind it.
 _WAIST_HALF, _CHEST_HALF, _HEEL_REACH = 0.045, 0.075, 0.06
+
+#: Stature, as :func:`stature` has it, in leg lengths.
+_STATURE = 1.75
 
 #: Radius of a bone of a skeleton whose joints are not known, in heights of the figure.
 _UNKNOWN = 0.02
@@ -60,13 +64,14 @@ class Body:
 def make_body(clip: MotionClip, *, scale: float = 1.0) -> Body:
     """The capsules of every frame of a clip, ``scale`` times as large as life (about the origin of the world)."""
     skeleton = clip.skeleton
-    parts = _known(clip) if skeleton.has(*CORE_ROLES) else _unknown(clip)
+    known = skeleton.has(*CORE_ROLES)
+    parts = _known(clip) if known else _unknown(clip)
     starts = scale * np.stack([part[0] for part in parts], axis=1)
     ends = scale * np.stack([part[1] for part in parts], axis=1)
     radii = scale * np.array([part[2:4] for part in parts])
     sides = np.array([part[4] for part in parts])
     path = scale * clip.positions[:, skeleton.roles.get("hips", 0)]
-    return Body(starts, ends, radii, sides, path, scale * _TOE * _size(skeleton))
+    return Body(starts, ends, radii, sides, path, scale * _TOE * leg_of(skeleton) if known else float(radii.min()))
 
 
 def stature(skeleton: Skeleton) -> float:
@@ -75,10 +80,12 @@ def stature(skeleton: Skeleton) -> float:
     return skeleton.leg_length + float(skeleton.bone_lengths[trunk].sum())
 
 
-def _size(skeleton: Skeleton) -> float:
-    if skeleton.has(*CORE_ROLES):
-        return skeleton.leg_length
-    return 0.5 * float(sum(skeleton.bone_lengths)) / max(len(skeleton) ** 0.5, 1.0)
+def leg_of(skeleton: Skeleton) -> float:
+    """The leg of a figure of this stature and usual proportions, metres.
+
+    Radii are shares of it and not of the skeleton's own legs, because captures place the joint of the hip differently.
+    """
+    return stature(skeleton) / _STATURE
 
 
 _Part = tuple[Array, Array, float, float, int]
@@ -86,7 +93,7 @@ _Part = tuple[Array, Array, float, float, int]
 
 def _known(clip: MotionClip) -> list[_Part]:
     skeleton, positions = clip.skeleton, clip.positions
-    leg = skeleton.leg_length
+    leg = leg_of(skeleton)
 
     def at(role: str) -> Array:
         return positions[:, skeleton.joint(role)]
@@ -119,9 +126,9 @@ def _known(clip: MotionClip) -> list[_Part]:
 
 
 def _trunk(clip: MotionClip) -> list[tuple[Array, Array, float, float]]:
-    """Starts, ends and radii in leg lengths of trunk, neck and head. The trunk bends at the middle of the spine."""
+    """Starts, ends and radii (in :func:`leg_of`) of trunk, neck and head. The trunk bends at the middle of the spine."""
     skeleton, positions = clip.skeleton, clip.positions
-    leg = skeleton.leg_length
+    leg = leg_of(skeleton)
     hips, hip_l, hip_r, arm_l, arm_r, head = (
         positions[:, skeleton.joint(role)]
         for role in ("hips", "left_hip", "right_hip", "left_shoulder", "right_shoulder", "head")
@@ -134,6 +141,8 @@ def _trunk(clip: MotionClip) -> list[tuple[Array, Array, float, float]]:
     parts = [
         (0.9 * hip_l + 0.1 * hip_r, 0.9 * hip_r + 0.1 * hip_l, _PELVIS, _PELVIS),
         (arm_l, arm_r, _SHOULDER, _SHOULDER),
+        (pelvis, spine, _PELVIS, _WAIST),
+        (spine, 0.9 * girdle + 0.1 * spine, _WAIST, _CHEST * 0.9),
     ]
     across_low, across_high = _unit(hip_l - hip_r) * leg, _unit(arm_l - arm_r) * leg
     for sign in (1.0, -1.0):
@@ -150,7 +159,18 @@ def _trunk(clip: MotionClip) -> list[tuple[Array, Array, float, float]]:
         up = _unit(tip - head) * leg
         high = tip - _HEAD * up
         low = np.where(_longer(high - head, up, 0.1), high - 0.1 * up, head)
-    return [*parts, (girdle, low, _NECK, _NECK), (low, high, _CHIN, _HEAD)]
+    # Without a nose one cannot tell front from back.
+    face = 0.5 * (low + high) + 0.105 * leg * _face(clip)
+    return [*parts, (girdle, low, _NECK, _NECK), (low, high, _CHIN, _HEAD), (face, face - 0.02 * up, _NOSE, _NOSE)]
+
+
+def _face(clip: MotionClip) -> Array:
+    """(T, 3) unit vectors to where the head faces: forwards at rest, turned with the head's joint."""
+    skeleton = clip.skeleton
+    rest = fk(skeleton, quat.identity(1, len(skeleton)), np.zeros((1, 3)))[1][0]
+    hips, head, hip_l, hip_r = (rest[skeleton.joint(role)] for role in ("hips", "head", "left_hip", "right_hip"))
+    forward = np.cross(hip_l - hip_r, head - hips)
+    return _unit(quat.rotate(clip.world[0][:, skeleton.joint("head")], forward))
 
 
 def _longer(vector: Array, unit: Array, share: float) -> NDArray[np.bool_]:

@@ -24,10 +24,16 @@ _SIDE, _TOP, _BOTTOM = 0.05, 0.06, 0.09
 
 
 def smooth_path(root: Array, fps: float) -> Array:
-    """The path (T, 3) that the camera follows: the root's over the ground, smoothed forwards and backwards alike; y = 0."""
+    """The path (T, 3) that the camera follows: the root's over the ground, smoothed forwards and backwards alike; y = 0.
+
+    Beyond its ends the path is taken to go on as it came, turned about its end, so that a walk that is cut off does not run out
+    of the picture.
+    """
     from scipy.ndimage import gaussian_filter1d
 
-    path = gaussian_filter1d(root, FOLLOW_SIGMA * fps, axis=0, mode="nearest") if len(root) > 1 else root.copy()
+    reach = min(int(np.ceil(3 * FOLLOW_SIGMA * fps)), len(root) - 1)
+    path = np.concatenate([2 * root[0] - root[reach:0:-1], root, 2 * root[-1] - root[-2 : -2 - reach : -1]])
+    path = gaussian_filter1d(path, FOLLOW_SIGMA * fps, axis=0, mode="nearest", truncate=3.0)[reach : reach + len(root)]
     path[:, 1] = 0.0
     return path
 

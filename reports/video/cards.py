@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from reports.video.canvas import Bytes, to_luma
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
 
-#: Words, and the bands that they stand on.
-INK, FAINT, BAND = (34, 34, 34), (96, 96, 96), (250, 250, 250)
+#: Greys, from 0 to 255, of words and of the bands that they stand on.
+INK, FAINT, BAND = 34, 96, 250
 
 REPEAT = "Repeat"
 
@@ -27,11 +28,11 @@ def font(size: int) -> FreeTypeFont:
     return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)
 
 
-def band(text: str, width: int, height: int, *, size: int, colour: tuple[int, int, int] = INK) -> NDArray[np.uint8]:
-    """A band (height, width, 3) with one centred line; a line too wide is set smaller, then cut with an ellipsis."""
+def band(text: str, width: int, height: int, *, size: int, ink: int = INK) -> Bytes:
+    """A band (height, width) with one centred line; a line too wide is set smaller, then cut with an ellipsis."""
     from PIL import Image, ImageDraw
 
-    image = Image.new("RGB", (width, height), BAND)
+    image = Image.new("L", (width, height), BAND)
     room = width - 8
     while size > 7 and font(size).getlength(text) > room:
         size -= 1
@@ -39,16 +40,16 @@ def band(text: str, width: int, height: int, *, size: int, colour: tuple[int, in
         while text and font(size).getlength(text + "\u2026") > room:
             text = text[:-1]
         text = text.rstrip() + "\u2026"
-    ImageDraw.Draw(image).text((width / 2, height / 2), text, font=font(size), fill=colour, anchor="mm")
-    return np.array(image)
+    ImageDraw.Draw(image).text((width / 2, height / 2), text, font=font(size), fill=ink, anchor="mm")
+    return to_luma(np.asarray(image)).round().astype(np.uint8)
 
 
-def card(text: str, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A card (H, W, 3) with a word in its middle."""
+def card(text: str, size: tuple[int, int]) -> Bytes:
+    """A card (H, W) with a word in its middle."""
     from PIL import Image, ImageDraw
 
     width, height = size
-    image = Image.new("RGB", size, BAND)
+    image = Image.new("L", size, BAND)
     letters = font(max(min(width, height) // 10, 8))
     ImageDraw.Draw(image).text((width / 2, height / 2), text, font=letters, fill=INK, anchor="mm")
-    return np.array(image)
+    return to_luma(np.asarray(image)).round().astype(np.uint8)

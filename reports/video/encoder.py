@@ -12,10 +12,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from benchmark.errors import BenchmarkError, ConfigError
+from reports.video.canvas import Canvas
 
 #: Chosen for 100 frames a second on one core with room to draw: see ``tests/speed/bench_video.py``.
 _PRESET, _CRF = "superfast", "20"
@@ -72,7 +70,7 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def encode(
-    frames: Iterable[NDArray[np.uint8]],
+    frames: Iterable[Canvas],
     total: int,
     path: Path,
     *,
@@ -81,7 +79,7 @@ def encode(
     metadata: Mapping[str, str] | None = None,
     report: Callable[[float], None] | None = None,
 ) -> VideoFacts:
-    """Encode frames (H, W, 3) to ``path``, whole or not at all.
+    """Encode frames to ``path``, whole or not at all.
 
     The same frames give the same bytes with the same ffmpeg: one thread, no date, and nothing said of the encoder outside of
     the stream.
@@ -109,9 +107,8 @@ def encode(
     aside = target.with_name(f".{target.name[:200]}.{secrets.token_hex(6)}")
     command = [
         *(program, "-hide_banner", "-loglevel", "error", "-nostdin", "-y"),
-        *("-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size", f"{width}x{height}", "-framerate", f"{fps:g}"),
+        *("-f", "rawvideo", "-pix_fmt", "yuv420p", "-video_size", f"{width}x{height}", "-framerate", f"{fps:g}"),
         *("-i", "pipe:0", "-an", "-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact"),
-        *("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-pix_fmt", "yuv420p"),
         *("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv"),
         *("-c:v", "libx264", "-preset", _PRESET, "-crf", _CRF, "-threads", "1"),
         *("-g", str(max(round(_KEY_SECONDS * fps), 1)), "-movflags", "+faststart"),
@@ -131,7 +128,8 @@ def encode(
             try:
                 with contextlib.suppress(BrokenPipeError):
                     for frame in frames:
-                        pipe.write(np.ascontiguousarray(frame).data)
+                        for plane in (frame.luma, frame.cb, frame.cr):
+                            pipe.write(plane.data)
                         count += 1
                         if report is not None:
                             report(count / max(total, 1))

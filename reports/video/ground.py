@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reports.video.camera import Camera
+from reports.video.canvas import BLACK, SPAN, Bytes, to_luma
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,9 @@ class Ground:
         x, z = camera.ground(level)
         with np.errstate(invalid="ignore"):
             reach = np.hypot(x, z)
+        depth = camera.depth(np.stack([x, np.full_like(x, level), z], axis=-1))
+        #: (H, W) nearness of the ground to the camera in pixels, as of capsules; far below all in the sky.
+        self.near = np.nan_to_num(-depth * camera.focal / (camera.distance + depth), nan=-1e9).astype(np.float32)
         radius = camera.distance * 0.9
         fade = np.nan_to_num(np.exp(-((reach / radius) ** 2)), nan=0.0)
         share = np.linspace(0.0, 1.0, camera.height)[:, None]
@@ -48,21 +52,20 @@ class Ground:
         seen = np.flatnonzero(fade.max(axis=1) > 0.01)
         #: First row in which lines can be seen; above it nothing changes.
         self.top = int(seen[0]) if len(seen) else camera.height
-        self.base = base.astype(np.float32)
+        self.base = to_luma(base) + np.float32(0.5)
         self._x, self._wx = _cells(x[self.top :], cell)
         self._z, self._wz = _cells(z[self.top :], cell)
-        self._depth = ((_FLOOR - _LINE) * fade[self.top :]).astype(np.float32)
-        self.sky = self.base[: self.top].astype(np.uint8)
+        self._depth = np.float32(SPAN / 255.0 * (_FLOOR - _LINE)) * fade[self.top :].astype(np.float32)
+        self._still = self.base.astype(np.uint8)
 
-    def draw(self, picture: NDArray[np.uint8], at: Array) -> None:
-        """Paint backdrop and ground over a picture (H, W, 3) for a figure over ``at`` (x, ., z)."""
+    def draw(self, luma: Bytes, at: Array) -> None:
+        """Paint backdrop and ground over a picture (H, W) for a figure over ``at`` (x, ., z)."""
         tone = _lines(self._x, self._wx, at[0] / self.cell)
         np.maximum(tone, _lines(self._z, self._wz, at[2] / self.cell), out=tone)
         tone *= self._depth
         np.subtract(self.base[self.top :], tone, out=tone)
-        tone += np.float32(0.5)
-        picture[: self.top] = self.sky[..., None]
-        picture[self.top :] = tone.astype(np.uint8)[..., None]
+        luma[: self.top] = self._still[: self.top]
+        luma[self.top :] = tone
 
     def cast(self, points: Array) -> Array:
         """Where the shadows of points (..., 3) fall on the ground (..., 3)."""
@@ -87,14 +90,15 @@ def _lines(units: NDArray[np.float32], per_cell: NDArray[np.float32], shift: flo
     np.subtract(np.float32(_HALF_LINE), phase, out=phase)
     phase *= per_cell
     phase += np.float32(0.5)
-    return np.clip(phase, 0.0, 1.0, out=phase)
+    np.maximum(phase, np.float32(0.0), out=phase)
+    return np.minimum(phase, np.float32(1.0), out=phase)
 
 
-def paint_shadow(picture: NDArray[np.uint8], strokes: list[tuple[float, float, float, float, float]]) -> None:
-    """Darken a picture (H, W, 3), in place, under strokes: x, y of both ends and width, in pixels."""
+def paint_shadow(luma: Bytes, strokes: list[tuple[float, float, float, float, float]]) -> None:
+    """Darken a picture (H, W), in place, under strokes: x, y of both ends and width, in pixels."""
     from PIL import Image, ImageDraw, ImageFilter
 
-    height, width = picture.shape[:2]
+    height, width = luma.shape
     reach = max(stroke[4] for stroke in strokes) + 12
     x0 = max(int(min(min(s[0], s[2]) for s in strokes) - reach) & ~1, 0)
     x1 = min(int(max(max(s[0], s[2]) for s in strokes) + reach + 2) & ~1, width)
@@ -117,8 +121,8 @@ def paint_shadow(picture: NDArray[np.uint8], strokes: list[tuple[float, float, f
     dark *= round(_SHADOW * 256)
     dark >>= 8
     keep = np.uint16(256) - dark
-    patch = picture[y0 : y0 + keep.shape[0], x0 : x0 + keep.shape[1]]
-    # The picture is still grey here: one channel tells all three.
-    tone = patch[..., 0] * keep
+    patch = luma[y0 : y0 + keep.shape[0], x0 : x0 + keep.shape[1]]
+    tone = (patch - np.uint8(BLACK)) * keep
     tone >>= 8
-    patch[...] = tone.astype(np.uint8)[..., None]
+    tone += np.uint16(BLACK)
+    patch[...] = tone

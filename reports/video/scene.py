@@ -16,6 +16,7 @@ from benchmark.motion.clip import MotionClip
 from benchmark.motion.skeleton import CORE_ROLES
 from reports.video.bodies import Body, make_body, stature
 from reports.video.camera import Camera, frame_camera, smooth_path
+from reports.video.canvas import Canvas, to_luma, to_ycc
 from reports.video.cards import BAND, FAINT, REPEAT, band, card
 from reports.video.encoder import VideoFacts, check_size, encode
 from reports.video.ground import Ground, paint_shadow
@@ -31,11 +32,14 @@ Normalise = Literal["none", "leg", "height"]
 LEG, HEIGHT = 0.8, 1.45
 
 #: Bodies in full light: trunk, left, right; and of one colour, where sides must not be told.
-_SIDES = np.array([(176, 180, 186), (72, 150, 214), (236, 140, 62)], dtype=np.float32) * np.float32(1.12)
-_NEUTRAL = np.repeat(np.array([(168, 178, 192)], dtype=np.float32), 3, axis=0) * np.float32(1.15)
+_SIDES = to_ycc(1.12 * np.array([(180.0, 180.0, 180.0), (72.0, 150.0, 214.0), (236.0, 140.0, 62.0)]))
+_NEUTRAL = to_ycc(1.15 * np.array([(168.0, 178.0, 192.0)] * 3))
 
 #: Pixels between panels.
 _GAP = 2
+
+#: Frames of a clip by which the picture is framed, at least where there are as many.
+_FRAMED = 120
 
 
 @dataclass(frozen=True)
@@ -100,20 +104,20 @@ class Scene:
     def __len__(self) -> int:
         return len(self.times)
 
-    def frames(self) -> Iterator[Frame]:
-        """The frames (H, W, 3), in order; each is a new array."""
+    def frames(self) -> Iterator[Canvas]:
+        """The frames, in order, each by itself."""
         stage = _Stage(self)
         words = card(REPEAT, (self.size[0], stage.bottom))
         for time in self.times:
             if np.isnan(time):
-                picture = stage.blank.copy()
-                picture[: stage.bottom] = words
-                yield picture
+                luma = stage.blank.copy()
+                luma[: stage.bottom] = words
+                yield Canvas(luma)
             else:
                 yield stage.picture(time)
 
-    def frame_at(self, seconds: float) -> Frame:
-        """The frame (H, W, 3) at a time in the clips."""
+    def frame_at(self, seconds: float) -> Canvas:
+        """The frame at a time in the clips."""
         longest = max(panel.clip.duration for panel in self.panels)
         if not 0 <= seconds <= longest:
             raise ConfigError(f"a picture is taken between 0 and {longest:.2f} s of the clip, not at {seconds:g} s")
@@ -132,7 +136,8 @@ def render(
     normalise: Normalise = "none",
 ) -> Iterator[Frame]:
     """The frames (H, W, 3) of a video; parameters as of :class:`Scene`."""
-    return Scene(panels, size, fps, seconds, repeat_card, footer, sides, normalise).frames()
+    scene = Scene(panels, size, fps, seconds, repeat_card, footer, sides, normalise)
+    return (canvas.rgb() for canvas in scene.frames())
 
 
 def write_video(
@@ -196,7 +201,7 @@ def write_still(
         raise ConfigError(f"{path} does not end in .png, which is what can be written")
     scene = Scene(panels, size, footer=footer, sides=sides, normalise=normalise)
     buffer = io.BytesIO()
-    Image.fromarray(scene.frame_at(at)).save(buffer, "PNG", optimize=True)
+    Image.fromarray(scene.frame_at(at).rgb()).save(buffer, "PNG", optimize=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     atomic_write(path, (buffer.getvalue(),))
 
@@ -207,7 +212,7 @@ class _Figure:
     def __init__(self, panel: Panel, normalise: Normalise) -> None:
         clip = panel.clip
         self.fps, self.last = clip.fps, len(clip) - 1
-        self.body: Body = make_body(clip, scale=_scale(clip, normalise))
+        self.body: Body = make_body(clip, scale=scale_of(clip, normalise))
         self.path = smooth_path(self.body.path, clip.fps)
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
@@ -222,15 +227,19 @@ class _Figure:
         )
         return path, starts, ends
 
-    def cloud(self) -> Array:
-        """What must be seen, (T, P, 3) relative to the path: outsides of all capsules."""
+    def cloud(self, level: float) -> Array:
+        """What must be seen, (T, P, 3) relative to the path: outsides of all capsules, above the ground."""
         body = self.body
-        points = np.concatenate([body.starts, body.ends], axis=1) - self.path[:, None]
+        some = slice(None, None, max(len(self.path) // _FRAMED, 1))
+        points = np.concatenate([body.starts[some], body.ends[some]], axis=1) - self.path[some, None]
         radii = np.concatenate([body.radii[:, 0], body.radii[:, 1]])[:, None]
-        return np.concatenate([points + radii * side for side in np.concatenate([np.eye(3), -np.eye(3)])], axis=1)
+        outside = np.concatenate([points + radii * side for side in np.concatenate([np.eye(3), -np.eye(3)])], axis=1)
+        outside[..., 1] = np.maximum(outside[..., 1], level)
+        return outside
 
 
-def _scale(clip: MotionClip, normalise: Normalise) -> float:
+def scale_of(clip: MotionClip, normalise: Normalise) -> float:
+    """By how much a clip is enlarged to bring its figure to the size asked for."""
     if normalise == "none":
         return 1.0
     skeleton = clip.skeleton
@@ -246,47 +255,47 @@ class _Stage:
         self.figures = [_Figure(panel, scene.normalise) for panel in scene.panels]
         self.colours = _SIDES if scene.sides else _NEUTRAL
         small = max(min(width, height) // 44, 9)
-        self.bottom = height - (round(1.9 * small) if scene.footer else 0)
+        self.bottom = height - (_even(1.9 * small) if scene.footer else 0)
         titled = any(panel.title for panel in scene.panels)
         letters = max(min(width, height) // 34, 10)
-        head = round(1.8 * letters) if titled else 0
+        head = _even(1.8 * letters) if titled else 0
         self.level = min(-figure.body.sole for figure in self.figures)
-        clouds = [figure.cloud() for figure in self.figures]
+        clouds = [figure.cloud(self.level) for figure in self.figures]
         columns, camera = _best_grid(clouds, width, self.bottom, head, self.level)
         self.camera: Camera = camera
         self.ground = Ground(camera, self.level)
-        self.blank = np.empty((height, width, 3), dtype=np.uint8)
-        self.blank[...] = BAND
+        self.blank = np.full((height, width), to_luma(np.array(BAND)), dtype=np.uint8)
         if scene.footer:
-            self.blank[self.bottom :] = band(scene.footer, width, height - self.bottom, size=small, colour=FAINT)
+            self.blank[self.bottom :] = band(scene.footer, width, height - self.bottom, size=small, ink=FAINT)
         self.corners = []
         rows = -(-len(self.figures) // columns)
         for number, panel in enumerate(scene.panels):
             row, column = divmod(number, columns)
-            x = round(column * (width + _GAP) / columns)
-            y = round(row * (self.bottom + _GAP) / rows)
+            x = _even(column * (width + _GAP) / columns)
+            y = _even(row * (self.bottom + _GAP) / rows)
             if head:
                 self.blank[y : y + head, x : x + camera.width] = band(panel.title, camera.width, head, size=letters)
             self.corners.append((x, y + head))
 
-    def picture(self, time: float) -> Frame:
-        """The frame (H, W, 3) at a time in the clips."""
-        picture = self.blank.copy()
-        for figure, (x, y) in zip(self.figures, self.corners, strict=True):
-            self._draw(picture[y : y + self.camera.height, x : x + self.camera.width], figure, time)
-        return picture
+    def picture(self, time: float) -> Canvas:
+        """The frame at a time in the clips."""
+        canvas = Canvas(self.blank.copy())
+        for figure, corner in zip(self.figures, self.corners, strict=True):
+            self._draw(canvas, corner, figure, time)
+        return canvas
 
-    def _draw(self, picture: Frame, figure: _Figure, time: float) -> None:
-        camera, body = self.camera, figure.body
+    def _draw(self, canvas: Canvas, corner: tuple[int, int], figure: _Figure, time: float) -> None:
+        camera, body, (left, top) = self.camera, figure.body, corner
+        panel = canvas.luma[top : top + camera.height, left : left + camera.width]
         path, starts, ends = figure.at(time)
-        self.ground.draw(picture, path)
+        self.ground.draw(panel, path)
         starts, ends = starts - path, ends - path
         both = np.concatenate([starts, ends])
         shade_x, shade_y, shade_scale = camera.project(self.ground.cast(both))
         count = len(starts)
         widths = 2.0 * body.radii.mean(axis=1) * shade_scale[:count] * 0.62
         paint_shadow(
-            picture,
+            panel,
             np.column_stack([shade_x[:count], shade_y[:count], shade_x[count:], shade_y[count:], widths]).tolist(),
         )
         x, y, scale = camera.project(both)
@@ -295,7 +304,13 @@ class _Stage:
         ends_of = np.column_stack([x, y, near, radii])
         table = np.hstack([ends_of[:count], ends_of[count:]]).tolist()
         order = np.argsort(near[:count] + near[count:], kind="stable")
-        paint(picture, [(*table[k], int(body.sides[k])) for k in order], self.colours)
+        place = (top, left, camera.height, camera.width)
+        paint(canvas, place, [(*table[k], int(body.sides[k])) for k in order], self.colours, self.ground.near)
+
+
+def _even(pixels: float) -> int:
+    """The even number at or below: colour is stored for squares of four pixels."""
+    return int(pixels) // 2 * 2
 
 
 def _best_grid(clouds: list[Array], width: int, height: int, head: int, level: float) -> tuple[int, Camera]:
@@ -303,8 +318,8 @@ def _best_grid(clouds: list[Array], width: int, height: int, head: int, level: f
     best: tuple[float, int, Camera] | None = None
     for columns in range(1, len(clouds) + 1):
         rows = -(-len(clouds) // columns)
-        wide = (width - _GAP * (columns - 1)) // columns
-        high = (height - _GAP * (rows - 1)) // rows - head
+        wide = _even((width - _GAP * (columns - 1)) / columns)
+        high = _even((height - _GAP * (rows - 1)) / rows) - head
         if wide < 24 or high < 24:
             continue
         camera = frame_camera(clouds, (wide, high), level)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Plane = NDArray[np.float32]
+from reports.video.canvas import BLACK, Canvas, Plane
 
 #: Where the light is, in the picture's own axes: to the left, above, before it. Unit length.
 _LIGHT = np.array([-0.42, 0.62, 0.66], dtype=np.float32) / np.float32(np.sqrt(0.42**2 + 0.62**2 + 0.66**2))
@@ -18,23 +17,32 @@ _AMBIENT, _DIFFUSE, _RIM = 0.36, 0.64, 0.6
 #: Where two surfaces meet, one passes into the other over this share of the larger radius.
 _BLEND = 0.12
 
-_FAR = np.float32(-1e9)
+
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
+
+Capsule = tuple[float, float, float, float, float, float, float, float, int]
 
 
 def paint(
-    picture: NDArray[np.uint8],
-    capsules: Sequence[tuple[float, float, float, float, float, float, float, float, int]],
-    colours: NDArray[np.float32],
+    canvas: Canvas,
+    panel: tuple[int, int, int, int],
+    capsules: Sequence[Capsule],
+    colours: Plane,
+    ground: Plane,
 ) -> None:
-    """Paint capsules over a picture (H, W, 3), in place, the first one farthest away.
+    """Paint capsules into a panel of a canvas, the first one farthest away.
 
     Parameters
     ----------
+    panel
+        Top, left, height and width of the panel in the canvas, all even.
     capsules
         Of one end and of the other, centre x, y, nearness and radius, all in pixels; and the row of ``colours``. Nearness
         grows towards the camera.
     colours
-        (C, 3) colours of bodies in full light, 0 to 255.
+        (C, 3) colours of bodies in full light, see :func:`~reports.video.canvas.to_ycc`.
+    ground
+        (H, W) nearness of the ground, which hides what is below it.
 
     Notes
     -----
@@ -42,16 +50,17 @@ def paint(
     radius there, and from both the sphere's normal and how near its surface is. The nearest surface wins; the outer edge is
     one pixel wide, for which the order matters.
     """
-    height, width = picture.shape[:2]
-    x0 = max(int(min(min(c[0] - c[3], c[4] - c[7]) for c in capsules)) - 2, 0)
-    x1 = min(int(max(max(c[0] + c[3], c[4] + c[7]) for c in capsules)) + 3, width)
-    y0 = max(int(min(min(c[1] - c[3], c[5] - c[7]) for c in capsules)) - 2, 0)
-    y1 = min(int(max(max(c[1] + c[3], c[5] + c[7]) for c in capsules)) + 3, height)
+    top, left_edge, height, width = panel
+    x0 = max(int(min(min(c[0] - c[3], c[4] - c[7]) for c in capsules)) - 2, 0) & ~1
+    x1 = min((int(max(max(c[0] + c[3], c[4] + c[7]) for c in capsules)) + 4) & ~1, width)
+    y0 = max(int(min(min(c[1] - c[3], c[5] - c[7]) for c in capsules)) - 2, 0) & ~1
+    y1 = min((int(max(max(c[1] + c[3], c[5] + c[7]) for c in capsules)) + 4) & ~1, height)
     if x0 >= x1 or y0 >= y1:
         return
-    patch = picture[y0:y1, x0:x1]
-    planes = np.ascontiguousarray(patch.transpose(2, 0, 1)).astype(np.float32)
-    nearest = np.full(planes.shape[1:], _FAR, dtype=np.float32)
+    planes = np.zeros((3, y1 - y0, x1 - x0), dtype=np.float32)
+    planes[0] = canvas.luma[top + y0 : top + y1, left_edge + x0 : left_edge + x1]
+    planes[0] -= np.float32(BLACK)
+    nearest = ground[y0:y1, x0:x1].copy()
     columns = np.arange(x0, x1, dtype=np.float32) + np.float32(0.5)
     rows = np.arange(y0, y1, dtype=np.float32) + np.float32(0.5)
     for capsule in capsules:
@@ -69,7 +78,13 @@ def paint(
                 capsule,
                 colours[colour],
             )
-    patch[...] = planes.transpose(1, 2, 0)
+    canvas.put(planes, top + y0, left_edge + x0)
+
+
+def _limit(plane: Plane) -> None:
+    """Clip to 0 to 1 in place; half as long as ``np.clip`` for the few pixels of a limb."""
+    np.maximum(plane, _ZERO, out=plane)
+    np.minimum(plane, _ONE, out=plane)
 
 
 def _paint_one(
@@ -77,7 +92,7 @@ def _paint_one(
     nearest: Plane,
     x: Plane,
     y: Plane,
-    capsule: tuple[float, float, float, float, float, float, float, float, int],
+    capsule: Capsule,
     colour: Plane,
 ) -> None:
     """One capsule over planes (3, h, w) and nearness (h, w); ``x`` (w,) and ``y`` (h,) are relative to its first end."""
@@ -85,7 +100,7 @@ def _paint_one(
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy + 1e-6
     along = (x * np.float32(dx / length2))[None, :] + (y * np.float32(dy / length2))[:, None]
-    np.clip(along, 0.0, 1.0, out=along)
+    _limit(along)
     nx = along * np.float32(-dx)
     nx += x[None, :]
     ny = along * np.float32(-dy)
@@ -99,20 +114,24 @@ def _paint_one(
     square += ny * ny
     cover = radius - np.sqrt(square)
     cover += np.float32(0.5)
-    np.clip(cover, 0.0, 1.0, out=cover)
-    inverse = np.float32(1.0) / radius
+    _limit(cover)
+    inverse = _ONE / radius
     square *= inverse
     square *= inverse
-    np.subtract(np.float32(1.0), square, out=square)
-    np.maximum(square, 0.0, out=square)
-    nz = np.sqrt(square, out=square)
+    np.subtract(_ONE, square, out=square)
+    np.maximum(square, _ZERO, out=square)
+    nz = np.sqrt(square)
     near += nz * radius
     # Hidden by what is nearer already, softly where two surfaces meet.
     shown = near - nearest
     shown *= np.float32(1.0 / (_BLEND * max(ar, br) + 0.5))
     shown += np.float32(0.5)
-    np.clip(shown, 0.0, 1.0, out=shown)
-    np.maximum(nearest, near, out=nearest, where=cover > 0.5)
+    _limit(shown)
+    # The outermost pixels, covered in part, hide nothing.
+    np.subtract(cover, _ONE, out=square)
+    square *= np.float32(1e6)
+    near += square
+    np.maximum(nearest, near, out=nearest)
     cover *= shown
     nx *= np.float32(_LIGHT[0])
     ny *= np.float32(_LIGHT[1])
@@ -120,14 +139,15 @@ def _paint_one(
     nx *= inverse
     light = nx
     light += nz * np.float32(_LIGHT[2])
-    np.maximum(light, 0.0, out=light)
+    np.maximum(light, _ZERO, out=light)
     light *= np.float32(_DIFFUSE)
     light += np.float32(_AMBIENT)
     nz *= np.float32(1.0 - _RIM)
     nz += np.float32(_RIM)
     light *= nz
     light *= cover
-    np.subtract(np.float32(1.0), cover, out=cover)
+    np.subtract(_ONE, cover, out=cover)
     planes *= cover
     for plane, value in zip(planes, colour, strict=True):
-        plane += light * value
+        if value:
+            plane += light * value
