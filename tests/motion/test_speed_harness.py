@@ -24,6 +24,7 @@ NAMES = (
     "bench_translation",
     "bench_cyclegan",
     "bench_kc",
+    "bench_video",
     "run",
 )
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -100,6 +101,15 @@ def test_file_bench_runs(speed):
 
 def test_start_bench_runs(speed):
     check_rows(speed.bench_start.run(Silent(), repeats=1))
+
+
+def test_video_bench_runs(speed):
+    pytest.importorskip("imageio_ffmpeg")
+    rows = speed.bench_video.run(Silent(), frames=3, size=(160, 120), repeats=1)
+    check_rows(rows)
+    by_name = {row["what"]: row["value"] for row in rows}
+    assert by_name["matplotlib 3-D sticks"] > 0
+    assert by_name["pillow sticks"] > 0
 
 
 def test_warp_bench_runs(speed):

@@ -33,6 +33,7 @@ BENCHES = {
     "translation": "bench_translation",
     "cyclegan": "bench_cyclegan",
     "kc": "bench_kc",
+    "video": "bench_video",
 }
 INSTALL = "pip install -c constraints.txt -e '.[peers]'"
 
@@ -67,6 +68,7 @@ GOALS = (
     Goal("CycleGAN training", "at least 10 times the plain one, batch 1", faster_than="plain, batch 1", times=10.0),
     Goal("CycleGAN transfer", "at least 100 times real time", at_least=100.0),
     Goal("cyclegan-kc transfer", "at least 100 times real time", at_least=100.0),
+    Goal("Video", "at least 100 frames/s", at_least=100.0),
 )
 
 
