@@ -49,20 +49,34 @@ class Canvas:
         self.cb = np.full(half, 128, dtype=np.uint8)
         self.cr = np.full(half, 128, dtype=np.uint8)
 
-    def put(self, planes: Plane, top: int, left: int) -> None:
-        """Write brightness above black and colour differences (3, h, w) at an even place; h and w are even."""
+    def blend(self, planes: Plane, colours: Plane, top: int, left: int) -> None:
+        """Lay lit bodies over the picture, at an even place.
+
+        Parameters
+        ----------
+        planes
+            (1 + C, h, w), h and w even: how much of the picture shows through, and the light from each colour; 0 to 1.
+        colours
+            (C, 3) from :func:`to_ycc`.
+        """
         height, width = planes.shape[1:]
-        luma = planes[0]
-        luma += np.float32(BLACK + 0.5)
-        np.clip(luma, BLACK, BLACK + SPAN, out=luma)
-        self.luma[top : top + height, left : left + width] = luma
+        patch = self.luma[top : top + height, left : left + width]
+        luma = (patch - np.float32(BLACK)) * planes[0]
         rows, columns = slice(top // 2, (top + height) // 2), slice(left // 2, (left + width) // 2)
-        for plane, wide in ((self.cb, planes[1]), (self.cr, planes[2])):
-            pair = wide[::2] + wide[1::2]
-            small = pair[:, ::2] + pair[:, 1::2]
-            small *= np.float32(0.25)
-            small += np.float32(128.5)
-            plane[rows, columns] = small
+        cb, cr = (plane[rows, columns] - np.float32(127.5) for plane in (self.cb, self.cr))
+        for light, (y, blue, red) in zip(planes[1:], colours, strict=True):
+            luma += light * y
+            if blue or red:
+                pair = light[::2] + light[1::2]
+                small = pair[:, ::2] + pair[:, 1::2]
+                cb += small * (np.float32(0.25) * blue)
+                cr += small * (np.float32(0.25) * red)
+        luma += np.float32(BLACK + 0.5)
+        patch[...] = np.minimum(luma, np.float32(BLACK + SPAN), out=luma)
+        cb += np.float32(128.0)
+        cr += np.float32(128.0)
+        self.cb[rows, columns] = cb
+        self.cr[rows, columns] = cr
 
     def rgb(self) -> Bytes:
         """The picture (H, W, 3), red, green, blue."""

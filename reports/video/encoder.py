@@ -16,7 +16,7 @@ from benchmark.errors import BenchmarkError, ConfigError
 from reports.video.canvas import Canvas
 
 #: Chosen for 100 frames a second on one core with room to draw: see ``tests/speed/bench_video.py``.
-_PRESET, _CRF = "superfast", "20"
+_PRESET, _CRF = "superfast", "22"
 
 #: Seconds between two frames that can be jumped to.
 _KEY_SECONDS = 2.0
@@ -109,8 +109,9 @@ def encode(
         *(program, "-hide_banner", "-loglevel", "error", "-nostdin", "-y"),
         *("-f", "rawvideo", "-pix_fmt", "yuv420p", "-video_size", f"{width}x{height}", "-framerate", f"{fps:g}"),
         *("-i", "pipe:0", "-an", "-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact"),
-        *("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv"),
         *("-c:v", "libx264", "-preset", _PRESET, "-crf", _CRF, "-threads", "1"),
+        # Said in the stream alone: as options of the output they would make ffmpeg convert every frame.
+        *("-x264-params", "colorprim=bt709:transfer=bt709:colormatrix=bt709:range=tv"),
         *("-g", str(max(round(_KEY_SECONDS * fps), 1)), "-movflags", "+faststart"),
         *(part for key, value in (metadata or {}).items() for part in ("-metadata", f"{key}={value}")),
         *("-f", "mp4", str(aside)),

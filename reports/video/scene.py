@@ -33,7 +33,7 @@ LEG, HEIGHT = 0.8, 1.45
 
 #: Bodies in full light: trunk, left, right; and of one colour, where sides must not be told.
 _SIDES = to_ycc(1.12 * np.array([(180.0, 180.0, 180.0), (72.0, 150.0, 214.0), (236.0, 140.0, 62.0)]))
-_NEUTRAL = to_ycc(1.15 * np.array([(168.0, 178.0, 192.0)] * 3))
+_NEUTRAL = to_ycc(1.15 * np.array([(168.0, 178.0, 192.0)]))
 
 #: Pixels between panels.
 _GAP = 2
@@ -254,6 +254,8 @@ class _Stage:
         width, height = scene.size
         self.figures = [_Figure(panel, scene.normalise) for panel in scene.panels]
         self.colours = _SIDES if scene.sides else _NEUTRAL
+        #: Row of ``colours`` for each side.
+        self.paints = (0, 1, 2) if scene.sides else (0, 0, 0)
         small = max(min(width, height) // 44, 9)
         self.bottom = height - (_even(1.9 * small) if scene.footer else 0)
         titled = any(panel.title for panel in scene.panels)
@@ -305,7 +307,9 @@ class _Stage:
         table = np.hstack([ends_of[:count], ends_of[count:]]).tolist()
         order = np.argsort(near[:count] + near[count:], kind="stable")
         place = (top, left, camera.height, camera.width)
-        paint(canvas, place, [(*table[k], int(body.sides[k])) for k in order], self.colours, self.ground.near)
+        paint(
+            canvas, place, [(*table[k], int(self.paints[body.sides[k]])) for k in order], self.colours, self.ground.near
+        )
 
 
 def _even(pixels: float) -> int:

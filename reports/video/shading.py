@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reports.video.canvas import BLACK, Canvas, Plane
+from reports.video.canvas import Canvas, Plane
 
 #: Where the light is, in the picture's own axes: to the left, above, before it. Unit length.
 _LIGHT = np.array([-0.42, 0.62, 0.66], dtype=np.float32) / np.float32(np.sqrt(0.42**2 + 0.62**2 + 0.66**2))
@@ -57,14 +57,14 @@ def paint(
     y1 = min((int(max(max(c[1] + c[3], c[5] + c[7]) for c in capsules)) + 4) & ~1, height)
     if x0 >= x1 or y0 >= y1:
         return
-    planes = np.zeros((3, y1 - y0, x1 - x0), dtype=np.float32)
-    planes[0] = canvas.luma[top + y0 : top + y1, left_edge + x0 : left_edge + x1]
-    planes[0] -= np.float32(BLACK)
+    # How much of what is behind still shows, and how much light each colour of body gives: one plane each.
+    planes = np.zeros((1 + len(colours), y1 - y0, x1 - x0), dtype=np.float32)
+    planes[0] = 1.0
     nearest = ground[y0:y1, x0:x1].copy()
     columns = np.arange(x0, x1, dtype=np.float32) + np.float32(0.5)
     rows = np.arange(y0, y1, dtype=np.float32) + np.float32(0.5)
     for capsule in capsules:
-        ax, ay, _, ar, bx, by, _, br, colour = capsule
+        ax, ay, _, ar, bx, by, _, br, _ = capsule
         left = max(int(min(ax - ar, bx - br)) - 1 - x0, 0)
         right = min(int(max(ax + ar, bx + br)) + 2 - x0, x1 - x0)
         low = max(int(min(ay - ar, by - br)) - 1 - y0, 0)
@@ -76,9 +76,8 @@ def paint(
                 columns[left:right] - np.float32(ax),
                 rows[low:high] - np.float32(ay),
                 capsule,
-                colours[colour],
             )
-    canvas.put(planes, top + y0, left_edge + x0)
+    canvas.blend(planes, colours, top + y0, left_edge + x0)
 
 
 def _limit(plane: Plane) -> None:
@@ -93,10 +92,9 @@ def _paint_one(
     x: Plane,
     y: Plane,
     capsule: Capsule,
-    colour: Plane,
 ) -> None:
-    """One capsule over planes (3, h, w) and nearness (h, w); ``x`` (w,) and ``y`` (h,) are relative to its first end."""
-    ax, ay, az, ar, bx, by, bz, br, _ = capsule
+    """One capsule over planes (1 + C, h, w) and nearness (h, w); ``x`` (w,) and ``y`` (h,) are relative to its first end."""
+    ax, ay, az, ar, bx, by, bz, br, colour = capsule
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy + 1e-6
     along = (x * np.float32(dx / length2))[None, :] + (y * np.float32(dy / length2))[:, None]
@@ -148,6 +146,4 @@ def _paint_one(
     light *= cover
     np.subtract(_ONE, cover, out=cover)
     planes *= cover
-    for plane, value in zip(planes, colour, strict=True):
-        if value:
-            plane += light * value
+    planes[1 + colour] += light

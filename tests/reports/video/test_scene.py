@@ -218,8 +218,7 @@ def test_colours_survive_the_way_through_luma_and_chroma():
     colours = np.array([[200.0, 30.0, 60.0], [20.0, 180.0, 90.0], [250.0, 250.0, 250.0], [128.0, 128.0, 128.0]])
     for colour in colours:
         canvas = Canvas(np.full((4, 4), 90, dtype=np.uint8))
-        planes = np.repeat(to_ycc(colour)[:, None], 16, axis=1).reshape(3, 4, 4)
-        canvas.put(planes.copy(), 0, 0)
+        canvas.blend(np.stack([np.zeros((4, 4)), np.ones((4, 4))]).astype(np.float32), to_ycc(colour[None]), 0, 0)
         np.testing.assert_allclose(canvas.rgb()[1, 1], colour, atol=2.5)
     np.testing.assert_allclose(Canvas(to_luma(np.full((2, 2), 77.0)).round().astype(np.uint8)).rgb(), 77, atol=1)
 
