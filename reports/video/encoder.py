@@ -16,7 +16,7 @@ from benchmark.errors import BenchmarkError, ConfigError
 from reports.video.canvas import Canvas
 
 #: Chosen for 100 frames a second on one core with room to draw: see ``tests/speed/bench_video.py``.
-_PRESET, _CRF = "superfast", "22"
+_PRESET, _CRF = "superfast", "20"
 
 #: Seconds between two frames that can be jumped to.
 _KEY_SECONDS = 2.0

@@ -73,6 +73,12 @@ class Scene:
     normalise
         ``"none"``: bodies keep their size; ``"leg"`` or ``"height"``: all are brought to the same one, path and all, so that
         size does not tell who it is. Timing is left alone.
+
+    Notes
+    -----
+    Dong et al. (2020) do not say on which bodies their stimuli were shown. In a run every result is on the target's body, and
+    the real performer on their own; so raters could tell real ones by size, unless ``normalise`` and one camera for
+    each figure take that away. What remains are proportions.
     """
 
     panels: Sequence[Panel]

@@ -78,10 +78,13 @@ def test_the_same_input_gives_the_same_bytes(walk, jump, tmp_path):
 
 
 def test_a_stimulus_says_nothing_of_where_it_comes_from(walk, tmp_path):
-    secret = walk.replace(meta=type(walk.meta)(actor="adult009", style="adult", action="walk", source="hsu-cell.npz"))
+    secret = walk.replace(
+        meta=type(walk.meta)(actor="adult009", style="adult", action="walk", source="cyclegan-cell.npz")
+    )
     write_video([Panel(secret)], tmp_path / "0a1b.mp4", size=SMALL, fps=10)
     data = (tmp_path / "0a1b.mp4").read_bytes().lower()
-    for word in (b"hsu", b"adult", b"walk", b"0a1b", str(tmp_path).encode()):
+    # Words of three letters turn up in compressed pictures by chance.
+    for word in (b"cyclegan", b"adult", b"walk", b"0a1b", str(tmp_path).encode()):
         assert word not in data
     plain = write_video([Panel(walk)], tmp_path / "other.mp4", size=SMALL, fps=10)
     assert plain.sha256 == write_video([Panel(secret)], tmp_path / "0a1b.mp4", size=SMALL, fps=10).sha256
