@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from benchmark.motion import quat
 from benchmark.motion.clip import MotionClip
-from benchmark.motion.kinematics import fk
 from benchmark.motion.skeleton import CORE_ROLES, SIDES, Skeleton
 
 Array = NDArray[np.float64]
@@ -160,17 +159,24 @@ def _trunk(clip: MotionClip) -> list[tuple[Array, Array, float, float]]:
         high = tip - _HEAD * up
         low = np.where(_longer(high - head, up, 0.1), high - 0.1 * up, head)
     # Without a nose one cannot tell front from back.
-    face = 0.5 * (low + high) + 0.105 * leg * _face(clip)
+    face = 0.5 * (low + high) + 0.105 * leg * _face(clip, up)
     return [*parts, (girdle, low, _NECK, _NECK), (low, high, _CHIN, _HEAD), (face, face - 0.02 * up, _NOSE, _NOSE)]
 
 
-def _face(clip: MotionClip) -> Array:
-    """(T, 3) unit vectors to where the head faces: forwards at rest, turned with the head's joint."""
-    skeleton = clip.skeleton
-    rest = fk(skeleton, quat.identity(1, len(skeleton)), np.zeros((1, 3)))[1][0]
-    hips, head, hip_l, hip_r = (rest[skeleton.joint(role)] for role in ("hips", "head", "left_hip", "right_hip"))
-    forward = np.cross(hip_l - hip_r, head - hips)
-    return _unit(quat.rotate(clip.world[0][:, skeleton.joint("head")], forward))
+def _face(clip: MotionClip, up: Array) -> Array:
+    """(T, 3) unit vectors to where the head faces: on average where hips and shoulders do, else turned with its joint.
+
+    The rest pose does not tell: in some files it is no standing figure. ``up`` (T, 3) points along the head.
+    """
+    positions, skeleton = clip.positions, clip.skeleton
+    hip_l, hip_r, arm_l, arm_r = (
+        positions[:, joint] for joint in skeleton.joints("left_hip", "right_hip", "left_shoulder", "right_shoulder")
+    )
+    forward = _unit(np.cross(hip_l - hip_r + arm_l - arm_r, arm_l + arm_r - hip_l - hip_r))
+    turn = clip.world[0][:, skeleton.joint("head")]
+    forward = quat.rotate(turn, quat.inv_rotate(turn, forward).mean(axis=0))
+    up = _unit(up)
+    return _unit(forward - (forward * up).sum(axis=-1, keepdims=True) * up)
 
 
 def _longer(vector: Array, unit: Array, share: float) -> NDArray[np.bool_]:

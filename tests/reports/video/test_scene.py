@@ -10,6 +10,7 @@ import pytest
 
 from benchmark.errors import ConfigError
 from benchmark.motion.clip import MotionClip
+from benchmark.motion.quat import from_axis_angle, inv_rotate, mul
 from benchmark.motion.skeleton import Skeleton
 from reports.video import Panel, Scene, render
 from reports.video.bodies import make_body, stature
@@ -122,6 +123,28 @@ def test_feet_stand_on_the_ground_that_is_drawn(walk):
     leg = walk.skeleton.leg_length
     assert abs(float(np.median(lowest)) + body.sole) < 0.02 * leg
     assert lowest.min() > -body.sole - 0.03 * leg
+
+
+def test_the_nose_points_where_the_body_goes(walk):
+    body = make_body(walk)
+    nose, head = body.starts[:, -1], body.starts[:, -2]
+    ahead = np.diff(walk.root, axis=0).mean(axis=0) * [1.0, 0.0, 1.0]
+    assert ((nose - head) @ (ahead / np.linalg.norm(ahead)) > 0.05 * walk.skeleton.leg_length).all()
+    # Whatever the file takes for zero.
+    head_joint = walk.skeleton.joint("head")
+    odd = from_axis_angle([0.0, 1.0, 0.0], 2.0)
+    turned = walk.rotations.copy()
+    turned[:, head_joint] = mul(turned[:, head_joint], odd)
+    ends = [
+        dataclasses.replace(end, offset=tuple(inv_rotate(odd, np.array(end.offset))))
+        if end.parent == head_joint
+        else end
+        for end in walk.skeleton.end_sites
+    ]
+    other = walk.replace(
+        skeleton=walk.skeleton.with_offsets(walk.skeleton.offsets, ends), rotations=turned, source=None
+    )
+    np.testing.assert_allclose(make_body(other).starts, body.starts, atol=1e-9)
 
 
 def test_what_is_below_the_ground_is_hidden(walk):
