@@ -7,18 +7,24 @@ from pathlib import Path
 import click
 
 EXAMPLES = """\b
-Example:
+Examples:
   python -m benchmark report runs/synthetic-adult-child
+  python -m benchmark report runs/kinder-gator-adult-child --without-motion
 """
 
 
 @click.command(epilog=EXAMPLES)
 @click.argument("run", type=click.Path(exists=True, file_okay=False, path_type=Path))
-def report(run: Path) -> None:
+@click.option(
+    "--without-motion",
+    is_flag=True,
+    help="Leave the moving pictures out, and with them the joint positions of recordings that may not be passed on.",
+)
+def report(run: Path, without_motion: bool) -> None:
     """Write figures, tables and the page of a finished run.
 
-    Nothing is fitted, transferred or scored.
+    Nothing is fitted, transferred or scored. The page, report/index.html, is one file that opens without a network.
     """
     from reports.build import build_report
 
-    click.echo(f"report: {build_report(run)}")
+    click.echo(f"report: {build_report(run, moving=not without_motion)}")

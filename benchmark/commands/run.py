@@ -109,8 +109,9 @@ def run(context: click.Context, **options: Any) -> None:
         console.print(plan_table(prepared))
         return
     outcome = _run(context, prepared, console, quiet=options["quiet"])
-    report = None if options["no_report"] else _report(outcome, console)
+    # The report shows the statistics.
     statistics = [] if options["no_report"] else _statistics(outcome, console)
+    report = None if options["no_report"] else _report(outcome, console)
     show(outcome, console, report, time.perf_counter() - start, statistics=statistics, quiet=options["quiet"])
     if outcome.failures:
         context.exit(3)
