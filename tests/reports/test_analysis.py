@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import shutil
 
+import pandas as pd
 import pytest
 
 from eval.ratings.reading import PEOPLE, SIMULATED
@@ -17,10 +18,13 @@ def run(finished, tmp_path):
 
 
 def test_a_run_ends_with_comparisons_and_simulated_ratings(run):
-    first, second = analyse_run(run)
+    first, second, third = analyse_run(run)
     assert str(run / "stats") in first
     assert SIMULATED in second
     assert (run / "stats" / "metrics-comparison.csv").is_file()
+    assert str(run / "stats" / "claims.csv") in third
+    verdicts = pd.read_csv(run / "stats" / "claims.csv")["verdict"]
+    assert set(verdicts) <= {"holds", "does not hold", "cannot be tested here"} and len(verdicts) > 20
     assert SIMULATED in (run / "stats" / "ratings.md").read_text(encoding="utf-8").lower()
 
 
@@ -28,6 +32,6 @@ def test_ratings_by_people_stay(run):
     (run / "stats").mkdir()
     kept = run / "stats" / "ratings-conditions.csv"
     kept.write_text(f"condition,kind\nadult,{PEOPLE}\n", encoding="utf-8")
-    _, second = analyse_run(run)
+    _, second, _ = analyse_run(run)
     assert second.startswith("no simulated ratings")
     assert kept.read_text(encoding="utf-8").endswith(f"adult,{PEOPLE}\n")
