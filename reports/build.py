@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 from benchmark.registry import FIGURES
-from reports.drawing import Drawing, SavedDrawing
-from reports.html.parts import Parts
+from reports.drawing import SavedDrawing
 from reports.run import RunView
 
 
-def draw_figures(folder: Path, only: Iterable[str] = ("all",), *, parts: Parts | None = None) -> list[SavedDrawing]:
+def draw_figures(folder: Path, only: Iterable[str] = ("all",)) -> list[SavedDrawing]:
     """Draw figures of a finished run into ``folder/figures`` as PDF and PNG, with the numbers behind each as CSV.
 
     Parameters
@@ -20,30 +20,21 @@ def draw_figures(folder: Path, only: Iterable[str] = ("all",), *, parts: Parts |
         The run folder.
     only
         Names or patterns of registered figures.
-    parts
-        Notes which figures failed; without it a failure is raised.
     """
     names = list(dict.fromkeys(name for pattern in only for name in FIGURES.select(pattern)))
     run = RunView(folder)
     target = folder / "figures"
     target.mkdir(exist_ok=True)
-    saved: list[SavedDrawing] = []
+    saved = []
     for name in names:
-
-        def draw(name: str = name) -> list[SavedDrawing]:
-            return [_save(drawing, target) for drawing in FIGURES.get(name)(run)]
-
-        saved += draw() if parts is None else parts.make(f"the figure {name}", draw, [])
+        for drawing in FIGURES.get(name)(run):
+            entry = SavedDrawing(drawing.name, drawing.caption, target)
+            drawing.figure.savefig(entry.png, dpi=200)
+            # Without a date the same run gives the same file.
+            drawing.figure.savefig(entry.pdf, metadata={"CreationDate": None})
+            drawing.data.to_csv(entry.csv, index=False)
+            saved.append(entry)
     return saved
-
-
-def _save(drawing: Drawing, folder: Path) -> SavedDrawing:
-    entry = SavedDrawing(drawing.name, drawing.caption, folder)
-    drawing.figure.savefig(entry.png, dpi=200)
-    # Without a date the same run gives the same file.
-    drawing.figure.savefig(entry.pdf, metadata={"CreationDate": None})
-    drawing.data.to_csv(entry.csv, index=False)
-    return entry
 
 
 def build_report(folder: Path, *, moving: bool = True) -> Path:
@@ -58,12 +49,15 @@ def build_report(folder: Path, *, moving: bool = True) -> Path:
     moving
         Whether the page holds moving pictures, and with them joint positions of the clips.
     """
+    from reports.html.parts import Parts
     from reports.jumps import write_jump_tables
     from reports.page import write_page
     from reports.tables import write_tables
 
     parts = Parts()
-    drawings = draw_figures(folder, parts=parts)
+    drawings: list[SavedDrawing] = []
+    for name in FIGURES.names():
+        drawings += parts.make(f"the figure {name}", partial(draw_figures, folder, [name]), [])
     run = RunView(folder)
     parts.make("the tables", lambda: write_tables(run), [])
     parts.make("the tables of jumps", lambda: write_jump_tables(run), [])

@@ -8,13 +8,16 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from reports.drawing import SavedDrawing
 from reports.html import boards, facts, motion, outcome, pictures, statistics
 from reports.html.parts import Parts
 from reports.html.safety import inline_json, policy
 from reports.run import FLOOR, RunView
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 #: A page is made without pictures before it gets larger than this, in bytes.
 LARGEST = 25_000_000
@@ -87,11 +90,11 @@ def _content(run: RunView, drawings: Sequence[SavedDrawing], failures: Sequence[
         "groups": boards.group_names(tables),
         "variants": list(dict.fromkeys(board["variant"] for board in tables)),
         "tasks": run.tasks,
-        "floor": FLOOR,
-        "real": run.label(run.real_method),
+        "floor": FLOOR if any(FLOOR in run.methods(task) for task in run.tasks) else "",
+        "real": run.label(run.real_method) if any(run.real_method in run.methods(task) for task in run.tasks) else "",
         "meanings": parts.make("what metrics mean", lambda: boards.meanings(run, run.tasks), {}),
         "comparison": parts.make("the comparison of methods", lambda: statistics.comparison(run), []),
-        "ratings": parts.make("the ratings", lambda: statistics.ratings(run), None),
+        "ratings": parts.make("the ratings", lambda: statistics.ratings(run), []),
         "claims": parts.make("the claims", lambda: statistics.claims(run), None),
         "cells": cells,
         "holes": holes,
@@ -133,6 +136,7 @@ def _render(
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["breakable"] = _breakable
     return environment.get_template("report.html.j2").render(
         **content.values,
         policy=policy(scripts=scripts, styles=styles),
@@ -146,6 +150,13 @@ def _render(
         reel_titles=_titles(reel),
         broken=parts.failures,
     )
+
+
+def _breakable(name: str) -> Markup:
+    """A name of a method that may break before its variant: ``dynamic-scaling[both]``."""
+    from markupsafe import Markup, escape
+
+    return Markup("<wbr>[").join(escape(part) for part in name.split("["))
 
 
 def _titles(reel: motion.Reel) -> dict[str, list[tuple[int, str]]]:

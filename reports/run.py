@@ -60,7 +60,6 @@ class RunView:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._leaderboards: dict[tuple[str, str, bool], pd.DataFrame] = {}
         for name in (RESULTS, LEADERBOARD):
             if not (folder / name).is_file():
                 raise StoreError(
@@ -128,17 +127,11 @@ class RunView:
         return sorted(found, key=lambda cell: (order[cell.method], cell.repetition))
 
     def leaderboard(self, task: str, *, variant: str = "raw", costs: bool = False) -> pd.DataFrame:
-        """One row for each (method, metric), with means and intervals over clips within actors; computed once.
+        """One row for each (method, metric), with means and intervals over clips within actors.
 
         Columns ``method, label, metric, unit, direction, target, mean, low, high, n, reason``; ``mean`` is NaN where no
         clip has a value, and ``reason`` then says why. Repetitions of a clip are averaged first.
         """
-        key = (task, variant, costs)
-        if key not in self._leaderboards:
-            self._leaderboards[key] = self._make_leaderboard(task, variant, costs)
-        return self._leaderboards[key].copy()
-
-    def _make_leaderboard(self, task: str, variant: str, costs: bool) -> pd.DataFrame:
         import pandas as pd
 
         from eval.stats.bootstrap import clustered_mean
@@ -153,16 +146,13 @@ class RunView:
         rows = rows[(rows["task"] == task) & ((rows["variant"] == variant) | rows["cell_key"].isin(self.empty_cells))]
         rows = rows[rows["metric"].str.startswith("cost/") == costs]
         order = {method: rank for rank, method in enumerate(self.methods(task))}
-        good = rows[rows["status"] == "ok"]
-        means = good.groupby(["method", "metric", "actor", "clip_id"], sort=True)["value"].mean().reset_index()
-        valued = dict(tuple(means.groupby(["method", "metric"], sort=False)))
-        empty = rows[rows["status"] != "ok"].groupby(["method", "metric"], sort=False)["reason"].unique()
         table = []
-        for method, metric in rows[["method", "metric"]].drop_duplicates().itertuples(index=False):
-            clips = valued.get((method, metric), means.iloc[:0])
+        for (method, metric), group in rows.groupby(["method", "metric"], sort=False):
+            good = group[group["status"] == "ok"]
+            clips = good.groupby(["actor", "clip_id"], sort=True)["value"].mean().reset_index()
             interval = clustered_mean(clips["value"].to_numpy(), clips["actor"].tolist())
             unit, direction, target = meaning.get(metric, ("", "none", None))
-            reasons = sorted(empty[method, metric]) if clips.empty else []
+            reasons = sorted(set(group.loc[group["status"] != "ok", "reason"])) if good.empty else []
             table.append(
                 {
                     "method": method,

@@ -19,14 +19,14 @@ NARROWEST = 700
 
 #: Where a figure stands on the page, by the name of its files; the first pattern that fits counts.
 _KINDS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Motion", ("pose-strip*", "*strip*", "*trajector*", "*poster*", "jump-*", "*tempo*", "*joint*change*")),
-    ("Ratings", ("rating*", "*box*", "*anova*", "*perceptual*")),
-    ("Scores of every metric", ("metrics-*", "*recognition*")),
+    ("Motion", ("pose-strip*", "comparison-strip*", "trajector*", "joint-change*", "tempo*", "jump-*")),
     (
         "Comparison of methods",
-        ("*critical*", "*rank*", "*ablation*", "*forest*", "*plane*", "*pareto*", "*similarity*"),
+        ("critical-difference*", "style-content*", "style-similarity*", "cost-quality*", "ablation*"),
     ),
-    ("Training", ("*loss*", "*curve*")),
+    ("Scores of every metric", ("metrics-*",)),
+    ("Ratings", ("rating*",)),
+    ("Training", ("loss-curves*",)),
 )
 _OTHER = "Other figures"
 

@@ -115,6 +115,8 @@ class Ratings:
 
     Attributes
     ----------
+    task
+        Which task's results were rated; empty where the run has one task.
     kind
         Who rated, as the analysis says it, for example ``simulated observers, not people``.
     simulated
@@ -125,23 +127,33 @@ class Ratings:
         The text by headings; the first has no heading.
     """
 
+    task: str
     kind: str
     simulated: bool
     warning: str = ""
     sections: list[Section] = field(default_factory=list)
 
 
-def ratings(run: RunView) -> Ratings | None:
-    """``stats/ratings.md`` as HTML in which nothing but its own words stands; ``None`` where the run has none."""
+def ratings(run: RunView) -> list[Ratings]:
+    """What is stored on ratings of each task; none where nothing was rated."""
+    found = []
+    for place, task in enumerate(run.tasks):
+        stem = "ratings" if place == 0 else f"ratings-{task.replace(':', '-to-')}"
+        path = run.folder / "stats" / f"{stem}.md"
+        if path.is_file():
+            name = task.replace(":", " to ") if len(run.tasks) > 1 else ""
+            found.append(read_ratings_text(path.read_text(encoding="utf-8"), name))
+    return found
+
+
+def read_ratings_text(text: str, task: str = "") -> Ratings:
+    """The text of an analysis of ratings, in Markdown, as HTML in which nothing but its own words stands."""
     from markdown_it import MarkdownIt
     from markupsafe import Markup
 
-    path = run.folder / "stats" / "ratings.md"
-    if not path.is_file():
-        return None
     # Names of methods and clips stand in the text: no tag, link or picture may come of them.
     reader = MarkdownIt("commonmark", {"html": False}).disable(["link", "image", "autolink", "reference", "html_block"])
-    tokens = reader.parse(path.read_text(encoding="utf-8"))
+    tokens = reader.parse(text)
     kind, sections, start = "", [Section("")], 0
 
     def close(end: int) -> None:
@@ -161,7 +173,7 @@ def ratings(run: RunView) -> Ratings | None:
     if len(sections) > 1 and "simulated" in kind and sections[1].html.startswith("<p>"):
         first, end, rest = sections[1].html.partition("</p>")
         warning, sections[1].html = Markup(first + end), Markup(rest)
-    return Ratings(kind, "simulated" in kind, warning, [section for section in sections if section.html.strip()])
+    return Ratings(task, kind, "simulated" in kind, warning, [section for section in sections if section.html.strip()])
 
 
 def claims(run: RunView) -> dict[str, Any] | None:

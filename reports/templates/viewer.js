@@ -385,7 +385,13 @@
   }
 
   function draw() {
-    for (const figure of state.figures) if (!figure.box.hidden) drawFigure(figure);
+    for (const figure of state.figures) {
+      if (figure.box.hidden) continue;
+      drawFigure(figure);
+      // Whoever is done while others still move stands back.
+      const over = !state.phase && state.time > figure.seconds + 0.05;
+      if (over !== figure.over) figure.box.classList.toggle("over", figure.over = over);
+    }
     state.drawn++;
     root.dataset.frames = state.drawn;
     root.dataset.time = state.time.toFixed(3);

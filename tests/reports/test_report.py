@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from benchmark.commands.figures import figures
+from benchmark.commands.report import report
 from benchmark.errors import StoreError, UnknownNameError
 from reports.build import build_report, draw_figures
 from reports.html.boards import OVERVIEW
@@ -172,6 +173,17 @@ def test_unknown_figures_and_folders_are_refused(finished, tmp_path):
         draw_figures(finished, ["pose-strip"])
     with pytest.raises(StoreError, match="folder of a finished run"):
         RunView(tmp_path)
+
+
+@pytest.mark.parametrize(("flags", "moving"), [([], True), (["--without-motion"], False)])
+def test_report_command_can_leave_the_motion_out(finished, monkeypatch, flags, moving):
+    asked = []
+    monkeypatch.setattr(
+        "reports.build.build_report", lambda folder, **options: asked.append(options) or folder / "page"
+    )
+    result = CliRunner().invoke(report, [str(finished), *flags])
+    assert result.exit_code == 0 and result.output == f"report: {finished / 'page'}\n"
+    assert [options["moving"] for options in asked] == [moving]
 
 
 def test_figures_command_names_the_files(finished):

@@ -161,7 +161,11 @@ def test_clips_clocks_and_figures_can_be_chosen(visit):
     page.locator("#viewer-clip").select_option(index=1)
     assert page.locator("#viewer-time").get_attribute("max") != length
     assert "3 figures" in page.locator("#viewer-status").text_content()
+    # By the same clock the shortest is over before the longest, and says so by standing back.
+    page.locator("#viewer-time").fill(page.locator("#viewer-time").get_attribute("max"))
+    _wait(page, "() => [1, 2].includes(document.querySelectorAll('.actor.over').length)")
     page.locator("#viewer-clock").select_option("phase")
+    _wait(page, "() => !document.querySelector('.actor.over')")
     seconds = float(page.locator("#viewer-time").get_attribute("max"))
     assert f"{seconds:.1f} s" in page.locator(".actor figcaption").first.text_content()
     page.locator("#viewer-shown").get_by_label("dynamic-scaling[time]").uncheck()
