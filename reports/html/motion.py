@@ -24,6 +24,9 @@ FPS = 30.0
 #: Of longer performances only the beginning is shown.
 LONGEST = 20.0
 
+#: After so many clips that did not fit no shorter ones are looked for.
+_REFUSED = 3
+
 #: Steps a second at which it is stored where a figure is in its course while the input is at a time.
 _PHASE_RATE = 10.0
 
@@ -59,11 +62,14 @@ def make_reel(run: RunView, budget: int = BUDGET) -> Reel:
         cells = run.cells(task)
         chosen = choose_clips(run, task, cells)
         wanted += len(chosen)
-        used = 0
+        used = refused = 0
         for clip_id in chosen:
+            if refused == _REFUSED:
+                break
             clip, short = _clip(run, task, cells, clip_id, bodies)
             size = sum(len(figure["data"]) for figure in clip["figures"])
             if used + size > share:
+                refused += 1
                 continue
             used += size
             cut += short
