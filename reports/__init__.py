@@ -6,5 +6,14 @@ from __future__ import annotations
 BUILTIN_FIGURES: dict[str, str] = {
     "metric-dots": "reports.figures.dots:metric_dots",
     "pose-strips": "reports.figures.strips:pose_strips",
+    "comparison-strips": "reports.figures.contents:comparison_strips",
+    "trajectories": "reports.figures.trajectories:trajectories",
+    "loss-curves": "reports.figures.losses:loss_curves",
+    "style-content": "reports.figures.plane:style_content",
+    "style-similarity": "reports.figures.similarity:style_similarity",
+    "cost-quality": "reports.figures.pareto:cost_quality",
+    "tempo": "reports.figures.tempo:tempo",
+    "joint-change": "reports.figures.joints:joint_change",
+    "jump-overlay": "reports.figures.jump_overlay:jump_overlay",
     "jump-landing": "reports.figures.jump:jump_landing",
 }

@@ -43,3 +43,38 @@ class SavedDrawing:
     def csv(self) -> Path:
         """The numbers behind it."""
         return self.folder / f"{self.name}.csv"
+
+
+@dataclass(frozen=True)
+class FigureOutcome:
+    """What became of one registered figure.
+
+    Attributes
+    ----------
+    name
+        As it is registered.
+    drawings
+        What was drawn, none if there is a reason.
+    reason
+        Why nothing was drawn, or ``""``.
+    failed
+        Whether that is a fault of the figure rather than of what the run holds.
+    seconds
+        How long it took.
+    """
+
+    name: str
+    drawings: tuple[SavedDrawing, ...] = ()
+    reason: str = ""
+    failed: bool = False
+    seconds: float = 0.0
+
+    @property
+    def line(self) -> str:
+        """The outcome in a line."""
+        if self.failed:
+            return f"{self.name}: failed: {self.reason}"
+        if self.reason:
+            return f"{self.name}: nothing to draw: {self.reason}"
+        count = len(self.drawings)
+        return f"{self.name}: {count} drawing{'' if count == 1 else 's'} ({self.seconds:.1f} s)"

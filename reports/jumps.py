@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -146,8 +147,19 @@ def jump_cases(run: RunView, task: str) -> list[JumpCase]:
     """The transferred clips whose action's name says that it is a jump, sorted; none for a run without jumps.
 
     The clips compared with are read from the data set that the run's settings name. Where it cannot be opened, or is not the
-    one that was used, the methods' stored results are all there is, and :attr:`JumpCase.problem` says why.
+    one that was used, the methods' stored results are all there is, and :attr:`JumpCase.problem` says why. Two figures and a
+    table ask for them; they are found once for a run.
     """
+    known = _found.setdefault(run, {})
+    if task not in known:
+        known[task] = _find_cases(run, task)
+    return known[task]
+
+
+_found: WeakKeyDictionary[RunView, dict[str, list[JumpCase]]] = WeakKeyDictionary()
+
+
+def _find_cases(run: RunView, task: str) -> list[JumpCase]:
     cells = run.cells(task)
     actions = {
         item["clip_id"]: item["action"]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmark.errors import StoreError
 from benchmark.motion.clip import MotionClip
@@ -39,6 +40,19 @@ class StoredCell:
                 path = self.folder / "outputs" / f"{item['stem']}.{variant}.npz"
                 return npz.load(path) if path.exists() else None
         return None
+
+    def time_map(self, clip_id: str) -> NDArray[np.float64] | None:
+        """(T,) the source time that each frame of the result shows, where the method stated it."""
+        from benchmark.runner.execute import OUTPUTS, load_extras
+
+        item = self.item(clip_id)
+        return (
+            None if item is None else load_extras(self.folder / OUTPUTS / f"{item['stem']}.extras.npz").get("time_map")
+        )
+
+    def item(self, clip_id: str) -> dict[str, Any] | None:
+        """What is stored of the transfer of one source clip, or ``None`` where it has no result."""
+        return next((item for item in self.items if item["clip_id"] == clip_id and item["state"] == "ok"), None)
 
 
 class RunView:
@@ -78,7 +92,7 @@ class RunView:
     @cached_property
     def tasks(self) -> list[str]:
         """The tasks, as ``source:target``, in the order of the plan."""
-        return list(dict.fromkeys(self.results["task"]))
+        return self.results["task"].unique().tolist()
 
     @cached_property
     def empty_cells(self) -> frozenset[str]:
@@ -99,8 +113,14 @@ class RunView:
 
     def methods(self, task: str) -> list[str]:
         """The methods of a task in order: the floor first, real performers last."""
-        found = list(dict.fromkeys(self.results.loc[self.results["task"] == task, "method"]))
-        return sorted(found, key=lambda name: (name == REAL) - (name == FLOOR))
+        if task not in self._methods:
+            found = self.results.loc[self.results["task"] == task, "method"].unique().tolist()
+            self._methods[task] = sorted(found, key=lambda name: (name == REAL) - (name == FLOOR))
+        return list(self._methods[task])
+
+    @cached_property
+    def _methods(self) -> dict[str, list[str]]:
+        return {}
 
     def variants(self, task: str) -> list[str]:
         """The variants of results that were scored, ``raw`` first."""
@@ -116,6 +136,16 @@ class RunView:
 
     def cells(self, task: str) -> list[StoredCell]:
         """The cells of a task that ended ``ok``, in the order of :meth:`methods`, then by repetition."""
+        if task not in self._cells:
+            self._cells[task] = self._read_cells(task)
+        return list(self._cells[task])
+
+    @cached_property
+    def _cells(self) -> dict[str, list[StoredCell]]:
+        """Cells read so far: each figure asks for them several times."""
+        return {}
+
+    def _read_cells(self, task: str) -> list[StoredCell]:
         rows = self.results[self.results["task"] == task]
         found = []
         for row in rows[["cell_key", "method", "repetition"]].drop_duplicates().to_dict("records"):
@@ -132,6 +162,17 @@ class RunView:
         Columns ``method, label, metric, unit, direction, target, mean, low, high, n, reason``; ``mean`` is NaN where no
         clip has a value, and ``reason`` then says why. Repetitions of a clip are averaged first.
         """
+        key = (task, variant, costs)
+        if key not in self._boards:
+            self._boards[key] = self._leaderboard(task, variant=variant, costs=costs)
+        return self._boards[key].copy()
+
+    @cached_property
+    def _boards(self) -> dict[tuple[str, str, bool], pd.DataFrame]:
+        """Leaderboards made so far: figures, tables and page ask for the same ones, and intervals take their time."""
+        return {}
+
+    def _leaderboard(self, task: str, *, variant: str, costs: bool) -> pd.DataFrame:
         import pandas as pd
 
         from eval.stats.bootstrap import clustered_mean
@@ -146,13 +187,19 @@ class RunView:
         rows = rows[(rows["task"] == task) & ((rows["variant"] == variant) | rows["cell_key"].isin(self.empty_cells))]
         rows = rows[rows["metric"].str.startswith("cost/") == costs]
         order = {method: rank for rank, method in enumerate(self.methods(task))}
+        good = rows[rows["status"] == "ok"]
+        # Grouped once for all metrics: a table of its own for each would take most of a report's time.
+        clips = good.groupby(["method", "metric", "actor", "clip_id"], sort=True)["value"].mean().reset_index()
+        spans = clips.groupby(["method", "metric"]).indices
+        values, actors = clips["value"].to_numpy(), clips["actor"].to_numpy(dtype=object)
+        without = rows[rows["status"] != "ok"]
+        told = without.groupby(["method", "metric"])["reason"].agg(lambda reasons: sorted(set(reasons))).to_dict()
         table = []
-        for (method, metric), group in rows.groupby(["method", "metric"], sort=False):
-            good = group[group["status"] == "ok"]
-            clips = good.groupby(["actor", "clip_id"], sort=True)["value"].mean().reset_index()
-            interval = clustered_mean(clips["value"].to_numpy(), clips["actor"].tolist())
+        for method, metric in rows[["method", "metric"]].drop_duplicates().itertuples(index=False):
+            at = spans.get((method, metric), np.zeros(0, dtype=int))
+            interval = clustered_mean(values[at], actors[at].tolist())
             unit, direction, target = meaning.get(metric, ("", "none", None))
-            reasons = sorted(set(group.loc[group["status"] != "ok", "reason"])) if good.empty else []
+            reasons = [] if len(at) else told.get((method, metric), [])
             table.append(
                 {
                     "method": method,
@@ -162,7 +209,7 @@ class RunView:
                     "direction": direction,
                     "target": float("nan") if target is None else target,
                     **interval._asdict(),
-                    "n": len(clips),
+                    "n": len(at),
                     "reason": "; ".join(reasons),
                 }
             )
@@ -179,21 +226,39 @@ class RunView:
         )
 
     def showpiece(self, task: str) -> str | None:
-        """The source clip that most methods have a result for and that, of those, moves most; ``None`` without results.
+        """The source clip to show: see :meth:`showpieces`; ``None`` without results."""
+        return next(iter(self.showpieces(task, 1)), None)
+
+    def showpieces(self, task: str, count: int) -> list[str]:
+        """Source clips of different actions that most methods have a result for and that, of those, move most.
 
         The measure of movement is the median over frames of the mean joint speed of the first method's result, in leg lengths
         a second; a median, because the fastest frames of a depth camera's capture are its misses.
         """
+        if task not in self._movements:
+            self._movements[task] = self._most_moving(task)
+        chosen: dict[str, str] = {}
+        for clip_id, action in self._movements[task]:
+            chosen.setdefault(action, clip_id)
+        return list(chosen.values())[:count]
+
+    @cached_property
+    def _movements(self) -> dict[str, list[tuple[str, str]]]:
+        return {}
+
+    def _most_moving(self, task: str) -> list[tuple[str, str]]:
+        """Clip ids with their actions, those to show first first."""
         cells = self.cells(task)
+        first = next((cell for cell in cells if cell.method != REAL), None)
+        if first is None:
+            return []
         counts: dict[str, int] = {}
+        actions: dict[str, str] = {}
         for cell in cells:
             for item in cell.items:
                 if item["state"] == "ok":
                     counts[item["clip_id"]] = counts.get(item["clip_id"], 0) + 1
-        best = [clip_id for clip_id in sorted(counts) if counts[clip_id] == max(counts.values())]
-        first = next((cell for cell in cells if cell.method != REAL), None)
-        if not best or first is None:
-            return None
+                    actions[item["clip_id"]] = item["action"]
 
         def movement(clip_id: str) -> float:
             clip = first.clip(clip_id)
@@ -203,7 +268,8 @@ class RunView:
             speed = np.linalg.norm(np.diff(local, axis=0), axis=-1).mean(axis=1) * clip.fps
             return float(np.median(speed) / clip.skeleton.leg_length)
 
-        return max(best, key=movement)
+        best = sorted(clip_id for clip_id in counts if counts[clip_id] == max(counts.values()))
+        return [(clip_id, actions[clip_id]) for clip_id in sorted(best, key=movement, reverse=True)]
 
     def renderings(self, task: str, clip_id: str) -> list[tuple[str, MotionClip]]:
         """Every method's raw result for one source clip, first repetition."""

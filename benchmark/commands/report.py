@@ -27,4 +27,7 @@ def report(run: Path, without_motion: bool) -> None:
     """
     from reports.build import build_report
 
-    click.echo(f"report: {build_report(run, moving=not without_motion)}")
+    page = build_report(
+        run, tell=lambda outcome: click.echo(outcome.line, err=outcome.failed), moving=not without_motion
+    )
+    click.echo(f"report: {page}")

@@ -144,7 +144,9 @@ def _report(outcome: Outcome, console: Console) -> Path | None:
     from benchmark.registry import load_target
 
     try:
-        built: Path = load_target("reports.build:build_report", "the report")(outcome.folder)
+        built: Path = load_target("reports.build:build_report", "the report")(
+            outcome.folder, tell=lambda figure: _figure(figure, console)
+        )
     except Exception as error:  # results are safe on disk; a plug-in figure may raise anything
         if os.environ.get("BENCHMARK_DEBUG"):
             raise
@@ -153,6 +155,12 @@ def _report(outcome: Outcome, console: Console) -> Path | None:
         )
         return None
     return built
+
+
+def _figure(figure: Any, console: Console) -> None:
+    """Say which figure failed; those that were drawn or have nothing to show need no word here."""
+    if figure.failed:
+        console.print(f"figure {figure.line}", style="yellow", markup=False)
 
 
 def _statistics(outcome: Outcome, console: Console) -> list[str]:

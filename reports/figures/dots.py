@@ -52,24 +52,25 @@ def dots(table: pd.DataFrame, *, real: str) -> Figure:
             part = table[table["metric"] == metrics[index]].set_index("method")
             first = part.iloc[0]
             axes.set_title(_panel_title(metrics[index], first["unit"], first["direction"]), loc="left", fontsize=7)
-            for row, method in enumerate(methods):
-                axes.axhline(row, color=FAINT, linewidth=0.5, zorder=0)
-                if method in part.index and np.isfinite(part.loc[method, "mean"]):
-                    entry = part.loc[method]
-                    axes.plot(
-                        [entry["low"], entry["high"]], [row, row], color=INK, linewidth=1.0, solid_capstyle="butt"
-                    )
-                    axes.plot(entry["mean"], row, "o", color=INK, markersize=3.2)
-                else:
-                    axes.text(
-                        0.02,
-                        row,
-                        "no value",
-                        transform=axes.get_yaxis_transform(),
-                        fontsize=5.5,
-                        va="center",
-                        color="#777777",
-                    )
+            # One artist for all methods: a page of panels has hundreds of dots.
+            axes.hlines(
+                range(len(methods)), 0, 1, transform=axes.get_yaxis_transform(), color=FAINT, linewidth=0.5, zorder=0
+            )
+            own = part.reindex(methods)
+            has = np.isfinite(own["mean"].to_numpy(dtype=float))
+            at = np.flatnonzero(has)
+            axes.hlines(at, own["low"][has], own["high"][has], color=INK, linewidth=1.0)
+            axes.plot(own["mean"][has], at, "o", color=INK, markersize=3.2)
+            for row in np.flatnonzero(~has):
+                axes.text(
+                    0.02,
+                    row,
+                    "no value",
+                    transform=axes.get_yaxis_transform(),
+                    fontsize=5.5,
+                    va="center",
+                    color="#777777",
+                )
             if real in part.index and np.isfinite(part.loc[real, "mean"]):
                 axes.axvspan(part.loc[real, "low"], part.loc[real, "high"], color=REAL, alpha=0.18, linewidth=0)
                 axes.axvline(part.loc[real, "mean"], color=REAL, linewidth=1.0)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -15,7 +16,39 @@ COLUMN, PAGE = 3.4, 7.1
 #: Okabe and Ito's palette, which keeps its order of lightness in grey.
 LEFT, RIGHT, TRUNK = "#0072B2", "#D55E00", "#4d4d4d"
 REAL = "#009E73"
-INK, FAINT = "#222222", "#d9d9d9"
+INK, MUTED, FAINT = "#222222", "#666666", "#d9d9d9"
+
+#: Colours of families of methods, told apart by colour-blind readers; green is kept for real performers.
+_HUES = ("#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D1F", "#5E4FA2", "#999933")
+_MARKS = "osD^vPXp<>h"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How one method is drawn in every figure of a run."""
+
+    colour: str
+    marker: str
+
+
+def looks(methods: Iterable[str], *, floor: str, real: str) -> dict[str, Look]:
+    """A look for each method: a colour for each family, a marker for each variant; grey for the floor, green for real ones."""
+    found: dict[str, Look] = {}
+    members: dict[str, list[str]] = {}
+    for method in methods:
+        if method == floor:
+            found[method] = Look(MUTED, "s")
+        elif method == real:
+            found[method] = Look(REAL, "*")
+        else:
+            name = method.partition("[")[0]
+            members.setdefault(name, []).append(method)
+            rank = list(members).index(name)
+            # Families past the palette come round to the same colours, with the next marker.
+            mark = len(members[name]) - 1 + rank // len(_HUES)
+            found[method] = Look(_HUES[rank % len(_HUES)], _MARKS[mark % len(_MARKS)])
+    return found
+
 
 _RC: dict[Any, Any] = {
     "figure.dpi": 100,

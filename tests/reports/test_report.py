@@ -17,6 +17,7 @@ from benchmark.errors import StoreError, UnknownNameError
 from reports.build import build_report, draw_figures
 from reports.html.boards import OVERVIEW
 from reports.run import RunView
+from reports.sources import source_clip
 from reports.tables import by_group, with_values
 
 
@@ -51,9 +52,11 @@ def test_page_stands_alone(page, finished):
     outside = [a for _, attributes in page.elements for k, a in attributes.items() if k in ("src", "href")]
     assert outside and not any(re.match(r"(https?:)?//", link) for link in outside)
     images = page.all("img")
-    # The metrics of each group, pose strips, and the landing of the jump that is one of the two clips.
+    # Every drawing; among them the metrics of each group, and the landing of the jump that is one of the two clips.
     groups = by_group(with_values(RunView(finished).leaderboard("adult:child")))
-    assert len(images) == len(groups) + 2
+    drawn = {path.stem for path in (finished / "figures").glob("*.png")}
+    assert {f"metrics-adult-to-child-{group}" for group in groups} | {"jump-landing-adult-to-child"} <= drawn
+    assert len(images) == len(drawn)
     assert all(image["src"].startswith("data:image/png;base64,") and len(image["alt"]) > 40 for image in images)
     ids = {attributes["id"] for _, attributes in page.elements if "id" in attributes}
     for link in page.all("a"):
@@ -120,9 +123,10 @@ def test_strip_numbers_are_joint_positions(finished):
     draw_figures(finished, ["pose-strips"])
     table = pd.read_csv(finished / "figures" / "pose-strip-adult-to-child.csv")
     run = RunView(finished)
-    (_, clip), *_ = run.renderings("adult:child", run.showpiece("adult:child"))
-    first = table[(table["row"] == "adult input") & (table["seconds"] == 0.0)]
-    np.testing.assert_allclose(first[["x", "y", "z"]], clip.positions[0], atol=1e-12)
+    clip = source_clip(run, run.showpiece("adult:child"))
+    first = table[(table["row"] == "adult input") & (table["pose"] == 0)]
+    frame = round(first["seconds"].iloc[0] * clip.fps)
+    np.testing.assert_allclose(first[["x", "y", "z"]], clip.positions[frame], atol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -184,6 +188,40 @@ def test_report_command_can_leave_the_motion_out(finished, monkeypatch, flags, m
     result = CliRunner().invoke(report, [str(finished), *flags])
     assert result.exit_code == 0 and result.output == f"report: {finished / 'page'}\n"
     assert [options["moving"] for options in asked] == [moving]
+
+
+def test_a_broken_figure_does_not_stop_the_others(finished, monkeypatch):
+    def broken(run):
+        raise ValueError("planted")
+
+    monkeypatch.setattr("reports.figures.tempo.tempo", broken)
+    result = CliRunner().invoke(
+        figures, [str(finished), "--only", "tempo", "--only", "style-similarity", "--only", "loss-curves"]
+    )
+    assert result.exit_code == 1
+    assert "tempo: failed: ValueError: planted" in result.output
+    assert "style-similarity.png" in result.output
+    assert "loss-curves: nothing to draw: no method of this run stored loss curves" in result.output
+
+
+def test_bars_and_histograms_hold_what_was_stored(finished):
+    draw_figures(finished, ["style-similarity", "tempo"])
+    run = RunView(finished)
+    bars = pd.read_csv(finished / "figures" / "style-similarity.csv").set_index(["metric", "method"])["mean"]
+    board = run.leaderboard("adult:child").set_index(["metric", "method"])["mean"]
+    np.testing.assert_allclose(bars, board.loc[bars.index], rtol=1e-12)
+    shown = pd.read_csv(finished / "figures" / "tempo-adult-to-child.csv")
+    rows = run.results
+    rows = rows[(rows["variant"] == "raw") & (rows["status"] == "ok") & rows["metric"].isin(shown["metric"].unique())]
+    np.testing.assert_allclose(sorted(shown["value"]), sorted(rows["value"]), rtol=1e-12)
+
+
+def test_captions_say_n(finished):
+    captions = {
+        entry.name: entry.caption
+        for entry in draw_figures(finished, ["pose-strips", "style-*", "tempo", "trajectories"])
+    }
+    assert captions and all("n = " in caption for caption in captions.values()), captions
 
 
 def test_figures_command_names_the_files(finished):
