@@ -41,7 +41,7 @@ def place(axes: Axes, points: Sequence[Named], *, size: float = 6.5) -> list[Tex
     axes.set_xlim(axes.get_xlim())
     axes.set_ylim(axes.get_ylim())
     points = _merged(axes, points)
-    renderer = axes.figure.canvas.get_renderer()
+    renderer = axes.figure.canvas.get_renderer()  # type: ignore[attr-defined]
     unit = axes.figure.dpi / 72.0
     frame = axes.get_window_extent(renderer)
     limits = np.array([frame.x0, frame.y0, frame.x1, frame.y1])
