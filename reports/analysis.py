@@ -8,14 +8,14 @@ from benchmark.errors import BenchmarkError
 from reports.claims.evidence import claim_verdicts, judge
 from reports.claims.table import write_claims
 from reports.comparison import write_comparison
-from reports.ratings import STATS, simulate_ratings
+from reports.ratings import STATS, ratings_stem, simulate_ratings
 from reports.run import RunView
 
 
 def analyse_run(folder: Path) -> list[str]:
     """Write the comparison of metrics, where nobody was asked simulated ratings, and claims into ``folder/stats``.
 
-    Ratings are of the run's first task; an analysis of ratings by people that is there stays.
+    Every task of the run is rated; an analysis of ratings by people that is there stays.
 
     Returns
     -------
@@ -25,11 +25,14 @@ def analyse_run(folder: Path) -> list[str]:
     run = RunView(folder)
     write_comparison(run, folder / STATS)
     lines = [f"statistics: {folder / STATS}"]
-    try:
-        written = simulate_ratings(run, run.tasks[0], folder)
-        lines.append(f"ratings ({written.analysis.kind}): {folder / STATS / 'ratings.md'}")
-    except BenchmarkError as reason:
-        lines.append(f"no simulated ratings: {reason}")
+    for task in run.tasks:
+        of_task = f" of {task}" if len(run.tasks) > 1 else ""
+        try:
+            written = simulate_ratings(run, task, folder)
+        except BenchmarkError as reason:
+            lines.append(f"no simulated ratings{of_task}: {reason}")
+            continue
+        lines.append(f"ratings{of_task} ({written.analysis.kind}): {folder / STATS / ratings_stem(run, task)}.md")
     # After the ratings, which some claims are about.
     verdicts = list(claim_verdicts(table := judge([run])).values())
     written_to, *_ = write_claims(table, folder)

@@ -26,6 +26,9 @@ CLIPS = 10
 #: Folder of the statistics in a run folder, and the names of what is written there.
 STATS, STIMULI, ANSWERS, EVIDENCE = "stats", "ratings-stimuli.csv", "ratings-answers.csv", "ratings-evidence.csv"
 
+#: Which trainings of a method are shown: its first, or each in turn from clip to clip.
+FIRST, SPREAD = "first", "spread"
+
 #: A method with results for fewer of the clips than this share of the best is no condition: it would shrink every other.
 _ENOUGH = 0.5
 
@@ -53,7 +56,12 @@ class Written:
 
 
 def choose_stimuli(
-    run: RunView, task: str, *, rng: np.random.Generator, clips: int = CLIPS
+    run: RunView,
+    task: str,
+    *,
+    rng: np.random.Generator,
+    clips: int = CLIPS,
+    repetition: int | str = FIRST,
 ) -> tuple[pd.DataFrame, pd.DataFrame, tuple[str, ...]]:
     """Choose what of a run would be shown: the same clips in every condition, balanced over actions and actors.
 
@@ -67,6 +75,10 @@ def choose_stimuli(
         Decides among clips that are equally good, and shuffles the ids.
     clips
         Stimuli of each condition.
+    repetition
+        Of methods that were trained several times: the number of the training that is shown, :data:`FIRST`, or :data:`SPREAD`
+        to take each training in turn from clip to clip, so that what is said of a method does not rest on one of them. A method
+        that was run once is shown as it is.
 
     Returns
     -------
@@ -74,7 +86,8 @@ def choose_stimuli(
         In the columns of a stimuli file. The source itself is the condition named by the source style, real performers
         the one named by the target style; every other method is a condition of its own. Ids say nothing of the condition.
     scores : pandas.DataFrame
-        ``stimulus`` and a column for each metric of single clips, from the first repetition, as the method returned them.
+        ``stimulus``, ``repetition`` (the training shown) and a column for each metric of single clips, as the method returned
+        them.
     notes : tuple of str
         What was left out, and why.
 
@@ -82,6 +95,8 @@ def choose_stimuli(
     ------
     DataError
         If no two conditions have a clip in common.
+    ConfigError
+        If no method was trained that often.
     """
     import pandas as pd
 
@@ -90,10 +105,20 @@ def choose_stimuli(
     rows = rows[
         (rows["task"] == task) & (rows["variant"] == "raw") & (rows["clip_id"] != "") & (rows["status"] == "ok")
     ]
-    rows = rows[rows["repetition"] == rows.groupby("method")["repetition"].transform("min")]
     # Every transferred clip has this row, whatever its metrics say.
     done = rows[rows["metric"] == "cost/transfer_seconds"]
-    of_method = {method: set(done.loc[done["method"] == method, "clip_id"]) for method in run.methods(task)}
+    shown = _trainings(done, repetition)
+    of_method = {
+        method: set.intersection(
+            *(
+                set(done.loc[(done["method"] == method) & (done["repetition"] == number), "clip_id"])
+                for number in numbers
+            )
+        )
+        if (numbers := shown.get(method))
+        else set()
+        for method in run.methods(task)
+    }
     most = max((len(found) for found in of_method.values()), default=0)
     few = [method for method, found in of_method.items() if len(found) < _ENOUGH * most or not found]
     methods = [method for method in of_method if method not in few]
@@ -104,6 +129,9 @@ def choose_stimuli(
     chosen = _balanced(done, common, rng, clips)
     labels = {FLOOR: source, run.real_method: target}
     pairs = [(method, clip) for method in methods for clip in chosen]
+    turns = rng.permutation(len(chosen)).tolist() if repetition == SPREAD else range(len(chosen))
+    turn = dict(zip(chosen, turns, strict=True))
+    numbers = [shown[method][turn[clip] % len(shown[method])] for method, clip in pairs]
     ids = rng.permutation(len(pairs)) + 1
     facts = done.drop_duplicates("clip_id").set_index("clip_id")
     stimuli = pd.DataFrame(
@@ -118,15 +146,25 @@ def choose_stimuli(
         }
     )
     measured = rows[rows["clip_id"].isin(chosen) & ~rows["metric"].str.startswith("cost/")]
-    wide = measured.pivot_table(index=["method", "clip_id"], columns="metric", values="value", aggfunc="mean")
-    scores = wide.reindex(pd.MultiIndex.from_tuples(pairs)).reset_index(drop=True)
+    wide = measured.pivot_table(
+        index=["method", "clip_id", "repetition"], columns="metric", values="value", aggfunc="mean"
+    )
+    keys = [(*pair, number) for pair, number in zip(pairs, numbers, strict=True)]
+    scores = wide.reindex(pd.MultiIndex.from_tuples(keys)).reset_index(drop=True)
     scores.insert(0, "stimulus", stimuli["stimulus"].to_numpy())
+    scores.insert(1, "repetition", numbers)
     actions = stimuli["action"].nunique()
     notes = [f"{len(stimuli)} stimuli: {len(chosen)} clips of {actions} actions in {len(methods)} conditions."]
     if FLOOR in methods:
         notes.append(f"{source!r} is the source motion on the target's body, as the method {FLOOR} returns it.")
     if run.real_method in methods:
         notes.append(f"{target!r} is real motion of held-out performers doing the same actions.")
+    times = int(done.groupby("method")["repetition"].nunique().max())
+    if times > 1:
+        which = {SPREAD: "each in turn from clip to clip", FIRST: "the first"}.get(
+            str(repetition), f"number {repetition}"
+        )
+        notes.append(f"Of the up to {times} trainings of a method {which} is shown.")
     if len(chosen) < clips:
         notes.append(f"Only {len(chosen)} clips have a result in every condition, fewer than the {clips} asked for.")
     notes += [
@@ -134,6 +172,24 @@ def choose_stimuli(
         for method in few
     ]
     return stimuli, scores, tuple(notes)
+
+
+def _trainings(done: pd.DataFrame, repetition: int | str) -> dict[str, list[int]]:
+    """The repetitions of each method that are shown; none for one that lacks the one asked for."""
+    there = {str(method): sorted(map(int, set(numbers))) for method, numbers in done.groupby("method")["repetition"]}
+    if repetition == SPREAD:
+        return there
+    if repetition == FIRST:
+        return {method: numbers[:1] for method, numbers in there.items()}
+    known = sorted({number for numbers in there.values() for number in numbers})
+    if repetition not in known:
+        raise ConfigError(
+            f"no method has repetition {repetition}; there are {', '.join(map(str, known))}, {FIRST!r} and {SPREAD!r}"
+        )
+    return {
+        method: [int(repetition)] if repetition in numbers else numbers if len(numbers) == 1 else []
+        for method, numbers in there.items()
+    }
 
 
 def _condition(method: str, labels: Mapping[str, str]) -> str:
@@ -163,8 +219,20 @@ def _balanced(done: pd.DataFrame, common: set[str], rng: np.random.Generator, co
     return sorted(chosen)
 
 
+def ratings_stem(run: RunView | None, task: str) -> str:
+    """What files of a task's ratings are called: ``ratings`` for the first task, ``ratings-SOURCE-to-TARGET`` for others."""
+    return "ratings" if run is None or task == run.tasks[0] else f"ratings-{task.replace(':', '-to-')}"
+
+
 def simulate_ratings(
-    run: RunView, task: str, out: Path, *, seed: int = 0, raters: int = 36, model: ObserverModel | None = None
+    run: RunView,
+    task: str,
+    out: Path,
+    *,
+    seed: int = 0,
+    raters: int = 36,
+    model: ObserverModel | None = None,
+    repetition: int | str = FIRST,
 ) -> Written:
     """Let simulated observers rate a run, write their answers, and analyse them as people's would be.
 
@@ -180,37 +248,45 @@ def simulate_ratings(
         Attentive observers; careless ones come on top.
     model
         The observer.
+    repetition
+        As in :func:`choose_stimuli`.
 
     Raises
     ------
     ConfigError
         If the folder holds an analysis of people's ratings, which simulated ones must not take the place of.
     """
-    _keep_people(out)
+    stem = ratings_stem(run, task)
+    _keep_people(out, stem)
     source, _, target = task.partition(":")
     rng = np.random.default_rng(seed)
-    stimuli, scores, notes = choose_stimuli(run, task, rng=rng)
+    stimuli, scores, notes = choose_stimuli(run, task, rng=rng, repetition=repetition)
     observed = observe(
         stimuli, scores, rng=rng, raters=raters, model=model, styles=(source, target), real=(source, target)
     )
     folder = out / STATS
     folder.mkdir(parents=True, exist_ok=True)
     key = stimuli.assign(attention=np.where(stimuli["attention"], "yes", "no"))
-    key.to_csv(folder / STIMULI, index=False, lineterminator="\n")
-    write_ratings(folder / ANSWERS, observed.ratings, kind=SIMULATED, remarks=observed.notes)
-    write_table(folder / EVIDENCE, observed.evidence, kind=SIMULATED)
+    names = [folder / _of_task(name, stem) for name in (STIMULI, ANSWERS, EVIDENCE)]
+    key.to_csv(names[0], index=False, lineterminator="\n")
+    write_ratings(names[1], observed.ratings, kind=SIMULATED, remarks=observed.notes)
+    write_table(names[2], observed.evidence, kind=SIMULATED)
     # Read back from disk: what is analysed is what stands in the files, in the format of anybody's ratings.
-    ratings = read_ratings(folder / ANSWERS, read_stimuli(folder / STIMULI), styles=(source, target))
+    ratings = read_ratings(names[1], read_stimuli(names[0]), styles=(source, target))
     shown = f"What was shown: {run.dataset_title}, {source} to {target}."
-    written = analyse_ratings(ratings, out, seed=seed, notes=(shown, *notes, *observed.notes))
-    files = (folder / STIMULI, folder / ANSWERS, folder / EVIDENCE, *written.files)
-    return Written(written.analysis, files, written.plan, written.notes)
+    written = analyse_ratings(ratings, out, seed=seed, notes=(shown, *notes, *observed.notes), stem=stem)
+    return Written(written.analysis, (*names, *written.files), written.plan, written.notes)
 
 
-def _keep_people(out: Path) -> None:
+def _of_task(name: str, stem: str) -> str:
+    """``ratings-answers.csv`` as it is called for the task with this stem."""
+    return stem + name.removeprefix("ratings")
+
+
+def _keep_people(out: Path, stem: str) -> None:
     import pandas as pd
 
-    table = out / STATS / "ratings-conditions.csv"
+    table = out / STATS / f"{stem}-conditions.csv"
     if table.is_file() and PEOPLE in set(pd.read_csv(table)["kind"]):
         raise ConfigError(
             f"{out / STATS} holds the analysis of ratings by people, and simulated observers must not take its place: give "
@@ -218,7 +294,9 @@ def _keep_people(out: Path) -> None:
         )
 
 
-def analyse_ratings(ratings: Ratings, out: Path, *, seed: int = 0, notes: Sequence[str] = ()) -> Written:
+def analyse_ratings(
+    ratings: Ratings, out: Path, *, seed: int = 0, notes: Sequence[str] = (), stem: str = "ratings"
+) -> Written:
     """Analyse ratings and write ``stats/ratings-*.csv``, ``stats/ratings.md`` and two LaTeX tables into ``out/tables``.
 
     Parameters
@@ -231,6 +309,8 @@ def analyse_ratings(ratings: Ratings, out: Path, *, seed: int = 0, notes: Sequen
         Of the bootstrap.
     notes
         Sentences on how the ratings came about.
+    stem
+        What file names begin with, in place of ``ratings``; see :func:`ratings_stem`.
 
     Raises
     ------
@@ -238,7 +318,7 @@ def analyse_ratings(ratings: Ratings, out: Path, *, seed: int = 0, notes: Sequen
         As in :func:`simulate_ratings`.
     """
     if ratings.simulated:
-        _keep_people(out)
+        _keep_people(out, stem)
     plan = Plan(source=ratings.styles[0], target=ratings.styles[1], seed=seed)
     analysis = analyse(ratings, plan)
     stats, tables = out / STATS, out / "tables"
@@ -246,15 +326,15 @@ def analyse_ratings(ratings: Ratings, out: Path, *, seed: int = 0, notes: Sequen
     tables.mkdir(exist_ok=True)
     if not ratings.simulated:
         for name in (STIMULI, ANSWERS, EVIDENCE):
-            (stats / name).unlink(missing_ok=True)
+            (stats / _of_task(name, stem)).unlink(missing_ok=True)
     files = []
     for name, table in analysis.tables.items():
-        files.append(stats / f"ratings-{name}.csv")
+        files.append(stats / f"{stem}-{name}.csv")
         write_table(files[-1], table, kind=ratings.kind)
-    files.append(stats / "ratings.md")
+    files.append(stats / f"{stem}.md")
     files[-1].write_text(_markdown(analysis, plan, notes), encoding="utf-8")
-    for name, text in (("anova", latex_anova(analysis)), ("tukey", latex_tukey(analysis))):
-        files.append(tables / f"ratings-{name}.tex")
+    for name, text in (("anova", latex_anova(analysis, stem)), ("tukey", latex_tukey(analysis, stem))):
+        files.append(tables / f"{stem}-{name}.tex")
         files[-1].write_text(text, encoding="utf-8")
     return Written(analysis, tuple(files), plan, tuple(notes))
 
@@ -271,8 +351,8 @@ def _markdown(analysis: Analysis, plan: Plan, notes: Sequence[str]) -> str:
     lines += [f"- {note}" for note in notes] + [""] * bool(notes)
     lines += [
         "Decided before any rating was seen: each question is a family of all pairs of conditions, tested by paired t tests "
-        f"with Holm's correction at {plan.alpha:g}; a difference in the first question carries over to other clips only where "
-        f"the rater x clip interval agrees; equivalence with real {plan.target} motion within {100 * plan.margin:g} points, or "
+        f"with Holm's correction at {plan.alpha:g}; a difference carries over to other clips only where the rater x "
+        f"clip interval agrees; equivalence with real {plan.target} motion within {100 * plan.margin:g} points, or "
         f"{plan.natural_margin:g} steps of naturalness; raters right on {100 * plan.attention:g} % or less of the checks are "
         "left out.",
         "",
@@ -282,7 +362,7 @@ def _markdown(analysis: Analysis, plan: Plan, notes: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def latex_anova(analysis: Analysis) -> str:
+def latex_anova(analysis: Analysis, stem: str = "ratings") -> str:
     """The repeated-measures analyses of variance as a booktabs table."""
     table = analysis.tables["anova"]
     rows = table[(table["sample"] == "attentive") & (table["design"] == "repeated measures")]
@@ -301,10 +381,10 @@ def latex_anova(analysis: Analysis) -> str:
         body.append(" & ".join(cells) + r" \\")
     head = r"question & df & $F$ & $p$ & $\varepsilon_{GG}$ & $p_{GG}$ & $\eta_p^2$ [90\,\%] \\"
     caption = f"Main effect of the condition, repeated-measures analysis of variance, {rows['n'].min()} raters."
-    return _latex_table(analysis, "anova", "lrrrrrr", head, body, caption)
+    return _latex_table(analysis, f"{stem}-anova", "lrrrrrr", head, body, caption)
 
 
-def latex_tukey(analysis: Analysis) -> str:
+def latex_tukey(analysis: Analysis, stem: str = "ratings") -> str:
     """Tukey's test within and between raters, and the Holm-corrected contrasts, as a booktabs table."""
     tukey, contrasts = analysis.tables["tukey"], analysis.tables["contrasts"]
     contrasts = contrasts[contrasts["sample"] == "attentive"].set_index(["question", "a", "b"])
@@ -329,7 +409,7 @@ def latex_tukey(analysis: Analysis) -> str:
         "Pairs of conditions: Tukey's test with the error within raters, with the error between raters (naive), and paired t "
         "tests with Holm's correction (primary). Differences in percentage points and in steps of the scale."
     )
-    return _latex_table(analysis, "tukey", "llrrrr", head, body, caption)
+    return _latex_table(analysis, f"{stem}-tukey", "llrrrr", head, body, caption)
 
 
 def _latex_table(analysis: Analysis, name: str, columns: str, head: str, body: Sequence[str], caption: str) -> str:
@@ -339,7 +419,7 @@ def _latex_table(analysis: Analysis, name: str, columns: str, head: str, body: S
         r"\begin{table}",
         r"\centering\small",
         rf"\caption{{{latex_escape(whose + caption)}}}",
-        rf"\label{{tab:ratings-{name}}}",
+        rf"\label{{tab:{name}}}",
         rf"\begin{{tabular}}{{{columns}}}",
         r"\toprule",
         head,

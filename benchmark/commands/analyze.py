@@ -35,7 +35,9 @@ with their line. Everything about both files: eval/ratings/README.md
 
 \b
 Written: stats/ratings-*.csv, stats/ratings.md, tables/ratings-*.tex, and of a
-run stats/metrics-comparison.csv and stats/metrics-ranks.csv.
+run stats/metrics-comparison.csv and stats/metrics-ranks.csv. Of a run with
+several tasks the files of all but the first are named
+ratings-SOURCE-to-TARGET.
 """
 
 
@@ -43,7 +45,18 @@ run stats/metrics-comparison.csv and stats/metrics-ranks.csv.
 @click.argument("folder", metavar="[RUN]", required=False, type=click.Path(path_type=Path))
 @click.option("--ratings", type=click.Path(path_type=Path), metavar="FILE.csv", help="Ratings by people.")
 @click.option("--stimuli", type=click.Path(path_type=Path), metavar="FILE.csv", help="What they were shown.")
-@click.option("--task", metavar="SOURCE:TARGET", help="The two styles. [default: the run's first task, or adult:child]")
+@click.option(
+    "--task",
+    metavar="SOURCE:TARGET",
+    help="The two styles. [default: every task of the run; with --ratings its first, or adult:child]",
+)
+@click.option(
+    "--repetition",
+    default="first",
+    show_default=True,
+    metavar="first|spread|N",
+    help="Which training of a method simulated observers see: its first, each in turn from clip to clip, or number N.",
+)
 @click.option(
     "--raters", type=click.IntRange(min=3), default=36, show_default=True, help="Simulated attentive observers."
 )
@@ -55,6 +68,7 @@ def analyze(
     ratings: Path | None,
     stimuli: Path | None,
     task: str | None,
+    repetition: str,
     raters: int,
     seed: int,
     out: Path | None,
@@ -63,33 +77,53 @@ def analyze(
     """Compare methods by their metrics and by ratings, with intervals, corrections and plain words.
 
     With --ratings and --stimuli the answers of people are analysed. Without them simulated observers rate RUN, a model
-    driven by its metrics: that rehearses a study and says nothing about people, and everything made of it says so.
+    driven by its metrics: that rehearses a study and says nothing about people, and everything made of it says so. Every task
+    of the run is rated.
 
     Raters who name the action right on half of the attention checks or fewer are left out; the analysis with nobody left
     out is given beside. Of a RUN, every metric is compared between methods, too.
     """
     from benchmark.commands.tables import make_console
     from reports.comparison import COMPARISON, RANKS, write_comparison
-    from reports.ratings import STATS
+    from reports.ratings import STATS, ratings_stem
     from reports.run import RunView
 
     _check_arguments(folder, ratings, stimuli, out)
+    shown = _repetition(repetition, ratings)
     console = make_console()
     run = None if folder is None else RunView(folder)
-    styles = _styles(run, task)
+    tasks = [_styles(run, name) for name in (run.tasks if run and not (task or ratings) else [task])]
     target = out if out is not None else folder
     if target is None:  # refused above
         raise click.UsageError("give RUN or --out")
-    written = _rate(run, ratings, stimuli, styles, target, seed, raters)
-    if not quiet:
-        _print_ratings(console, written)
+    lines = []
+    for styles in tasks:
+        written = _rate(run, ratings, stimuli, styles, target, seed, raters, shown)
+        if not quiet:
+            _print_ratings(console, written, ":".join(styles) if len(tasks) > 1 else "")
+        whose = f" ({written.analysis.kind})" if written.analysis.kind != "people" else ""
+        lines.append(f"ratings{whose}: {target / STATS / ratings_stem(run, ':'.join(styles))}.md")
     if run is not None:
         comparison = write_comparison(run, target / STATS, seed=seed)
         if not quiet:
             _print_metrics(console, comparison.differences, comparison.ranks)
         console.print(f"metrics: {target / STATS / COMPARISON}, {RANKS}", markup=False, soft_wrap=True)
-    whose = f" ({written.analysis.kind})" if written.analysis.kind != "people" else ""
-    console.print(f"ratings{whose}: {target / STATS / 'ratings.md'}", markup=False, soft_wrap=True)
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def _repetition(text: str, ratings: Path | None) -> int | str:
+    from reports.ratings import FIRST, SPREAD
+
+    if ratings is not None and text != FIRST:
+        raise click.UsageError(
+            "--repetition chooses what simulated observers see; the stimuli of --ratings are chosen already"
+        )
+    if text in (FIRST, SPREAD):
+        return text
+    if not text.isdecimal():
+        raise click.UsageError(f"--repetition is {FIRST}, {SPREAD} or a number from 0, not {text!r}")
+    return int(text)
 
 
 def _check_arguments(folder: Path | None, ratings: Path | None, stimuli: Path | None, out: Path | None) -> None:
@@ -116,22 +150,31 @@ def _styles(run: Any, task: str | None) -> tuple[str, str]:
 
 
 def _rate(
-    run: Any, ratings: Path | None, stimuli: Path | None, styles: tuple[str, str], out: Path, seed: int, raters: int
+    run: Any,
+    ratings: Path | None,
+    stimuli: Path | None,
+    styles: tuple[str, str],
+    out: Path,
+    seed: int,
+    raters: int,
+    repetition: int | str,
 ) -> Written:
     from eval.ratings.reading import read_ratings, read_stimuli
-    from reports.ratings import analyse_ratings, simulate_ratings
+    from reports.ratings import analyse_ratings, ratings_stem, simulate_ratings
 
+    task = ":".join(styles)
     if ratings is None or stimuli is None:
-        return simulate_ratings(run, ":".join(styles), out, seed=seed, raters=raters)
+        return simulate_ratings(run, task, out, seed=seed, raters=raters, repetition=repetition)
     read = read_ratings(ratings, read_stimuli(stimuli), styles=styles)
-    return analyse_ratings(read, out, seed=seed, notes=(f"Ratings: {ratings.name}; stimuli: {stimuli.name}.",))
+    notes = (f"Ratings: {ratings.name}; stimuli: {stimuli.name}.",)
+    return analyse_ratings(read, out, seed=seed, notes=notes, stem=ratings_stem(run, task))
 
 
 #: Sections that the terminal shows; the whole is in ``stats/ratings.md``.
 _SHOWN = ("Raters", "Sensitivity")
 
 
-def _print_ratings(console: Console, written: Written) -> None:
+def _print_ratings(console: Console, written: Written, task: str) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -155,11 +198,12 @@ def _print_ratings(console: Console, written: Written) -> None:
             Text(row.condition),
             Text(f"{100 * row.child_share:.0f} [{100 * row.child_low:.0f}, {100 * row.child_high:.0f}]"),
             *(Text(_difference(contrasts, "child", row.condition, name)) for name in real),
-            Text(f"{row.naturalness_mean:.1f} [{row.naturalness_low:.1f}, {row.naturalness_high:.1f}]"),
+            Text(f"{row.naturalness_mean:.1f} [{row.naturalness_low_clips:.1f}, {row.naturalness_high_clips:.1f}]"),
             *(Text(_difference(contrasts, "naturalness", row.condition, name)) for name in real),
             action,
         )
-    console.print(Text(f"ratings{whose}: means [95 % intervals], differences from real motion", style="bold"))
+    of_task = f", {task.replace(':', ' to ')}" if task else ""
+    console.print(Text(f"ratings{whose}{of_task}: means [95 % intervals], differences from real motion", style="bold"))
     console.print(table)
     console.print(
         "  * paired t test over raters, Holm-corrected p < 0.05; (*) likewise, but the rater x clip interval holds 0"
@@ -181,10 +225,9 @@ def _difference(contrasts: pd.DataFrame, question: str, condition: str, other: s
     row = of.iloc[0]
     sign = 1 if row["a"] == condition else -1
     mark = "*" if row["reject"] else ""
-    if question == "child":
-        mark = "(*)" if mark and row["low_clips"] <= 0 <= row["high_clips"] else mark
-        return f"{100 * sign * row['diff']:+.0f} {mark:<3}"
-    return f"{sign * row['diff']:+.1f} {mark:<1}"
+    mark = "(*)" if mark and row["low_clips"] <= 0 <= row["high_clips"] else mark
+    scale, digits = (100, 0) if question == "child" else (1, 1)
+    return f"{scale * sign * row['diff']:+.{digits}f} {mark:<3}"
 
 
 def _print_metrics(console: Console, differences: pd.DataFrame, ranks: pd.DataFrame) -> None:

@@ -16,7 +16,7 @@ from benchmark.errors import DataError
 from eval.ratings.checks import check_assumptions
 from eval.ratings.exclusion import ATTENTION, exclude_inattentive
 from eval.ratings.reading import Ratings
-from eval.ratings.words import conclusions, headline, planning, replication
+from eval.ratings.words import conclusions, headline, mixed_words, planning, replication
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,8 +69,8 @@ class Analysis:
     kind
         Whose answers they are.
     tables
-        By name: ``raters, cells, conditions, anova, tukey, contrasts, ranks, nemenyi, wilcoxon, logit, equivalence, power,
-        actions, checks``.
+        By name: ``raters, cells, conditions, anova, tukey, contrasts, ranks, nemenyi, wilcoxon, logit, mixed, equivalence,
+        power, actions, checks``.
     sections
         Headings and their sentences, in the order of a report.
     """
@@ -98,11 +98,12 @@ def analyse(ratings: Ratings, plan: Plan | None = None) -> Analysis:
 
     Notes
     -----
-    Primary: paired t tests of per-rater means with Holm's correction, beside them the rater x clip bootstrap of the
-    difference; a difference in target-style answers is called one that carries over to other raters and clips only where
-    both agree. For replication of Dong et al. (2020): the repeated-measures analysis of variance (their F(4, 140) is one)
-    and Tukey's test, with the right and with the naive error term. For robustness: Friedman, Nemenyi and Wilcoxon on
-    naturalness, logistic GEE on the two-way question. Equivalence with the real target style by two one-sided tests.
+    Primary: paired t tests of per-rater means with Holm's correction (Shaffer's stands beside it), and the rater x clip
+    bootstrap of the difference; a difference is called one that carries over to other raters and clips only where both agree.
+    For replication of Dong et al. (2020): the repeated-measures analysis of variance (their F(4, 140) is one) and Tukey's test,
+    with the right and with the naive error term. For robustness: Friedman, Nemenyi and Wilcoxon on naturalness, logistic GEE on
+    the two-way question, a linear mixed model with raters and clips crossed on both. Equivalence with the real target style by
+    two one-sided tests.
     """
     import pandas as pd
 
@@ -120,6 +121,7 @@ def analyse(ratings: Ratings, plan: Plan | None = None) -> Analysis:
         [_contrasts(samples[name], table, name, plan) for name, table in cells.items()], ignore_index=True
     )
     logit, logit_notes = _logit(exclusion.kept, plan)
+    mixed, mixed_notes = _mixed(exclusion.kept, plan)
     equivalence = _equivalence(exclusion.kept, kept, plan)
     checks = check_assumptions(exclusion.kept, kept)
     tables = {
@@ -133,6 +135,7 @@ def analyse(ratings: Ratings, plan: Plan | None = None) -> Analysis:
         "nemenyi": _nemenyi(kept, plan),
         "wilcoxon": _wilcoxon(kept, plan),
         "logit": logit,
+        "mixed": mixed,
         "equivalence": equivalence,
         "power": _power(kept, anova, plan),
         "actions": _actions(exclusion.kept, plan),
@@ -144,7 +147,7 @@ def analyse(ratings: Ratings, plan: Plan | None = None) -> Analysis:
         "Main effect": headline(tables, ratings.styles),
         "Against real motion": against_real,
         "Among methods": among_methods,
-        "Replication and robustness": [*replication(tables, ratings.styles), *logit_notes],
+        "Replication and robustness": [*replication(tables, ratings.styles), *logit_notes, *mixed_notes],
         "Assumptions": checks["sentence"].tolist(),
         "Power": planning(tables["power"], ratings.styles),
         "Sensitivity": _sensitivity(contrasts, ratings, exclusion.kept),
@@ -232,58 +235,59 @@ def _answers(ratings: Ratings, question: str) -> pd.DataFrame:
 
 
 def _contrasts(ratings: Ratings, cells: pd.DataFrame, sample: str, plan: Plan) -> pd.DataFrame:
-    """Holm-corrected paired contrasts of both questions, with the bootstrap of differences in target-style answers."""
+    """Holm-corrected paired contrasts of both questions, with the rater x clip bootstrap of each difference."""
     import pandas as pd
 
-    from eval.stats import holm_paired, pigeonhole_bootstrap
+    from eval.stats import holm_paired
 
     parts = []
     for question in QUESTIONS:
         table = holm_paired(cells, **_within(question), alpha=plan.alpha).assign(question=question, sample=sample)
         means = cells.groupby("condition", observed=True)[question].mean()
         table["mean_a"], table["mean_b"] = table["a"].map(means).astype(float), table["b"].map(means).astype(float)
-        if question == "child":
-            drawn = pigeonhole_bootstrap(
-                _answers(ratings, question),
-                rater="rater",
-                clip="clip_id",
-                condition="condition",
-                answer=question,
-                seed=plan.seed,
-                resamples=plan.resamples,
-            )
-            drawn = drawn[drawn["quantity"] == "difference"].set_index(["a", "b"])
-            pairs = list(zip(table["a"], table["b"], strict=True))
-            for column, name in (
-                ("estimate", "diff_answers"),
-                ("low", "low_clips"),
-                ("high", "high_clips"),
-                ("p", "p_clips"),
-            ):
-                table[name] = [float(drawn.loc[pair, column]) for pair in pairs]
+        drawn = _drawn(ratings, question, plan)
+        drawn = drawn[drawn["quantity"] == "difference"].set_index(["a", "b"])
+        pairs = list(zip(table["a"], table["b"], strict=True))
+        for column, name in (
+            ("estimate", "diff_answers"),
+            ("low", "low_clips"),
+            ("high", "high_clips"),
+            ("p", "p_clips"),
+        ):
+            table[name] = [float(drawn.loc[pair, column]) for pair in pairs]
         parts.append(table)
     result = pd.concat(parts, ignore_index=True)
     first = ["sample", "question", "a", "b", "mean_a", "mean_b"]
     return result[first + [name for name in result.columns if name not in first]]
 
 
+def _drawn(ratings: Ratings, question: str, plan: Plan) -> pd.DataFrame:
+    """Conditions and their differences, raters and clips resampled: shares of yes, or means of naturalness."""
+    from eval.stats import pigeonhole_bootstrap, pigeonhole_means
+
+    shared: dict[str, Any] = {"rater": "rater", "clip": "clip_id", "condition": "condition"}
+    shared |= {"seed": plan.seed, "resamples": plan.resamples}
+    answers = _answers(ratings, question)
+    if question == "naturalness":
+        return pigeonhole_means(answers, value=question, **shared)
+    return pigeonhole_bootstrap(answers, answer=question, **shared)
+
+
 def _conditions(ratings: Ratings, cells: pd.DataFrame, plan: Plan) -> pd.DataFrame:
-    """One row a condition: shares and means with intervals, and the five numbers of a box plot over raters."""
+    """One row a condition: shares and means with intervals, and the five numbers of a box plot over raters.
+
+    ``naturalness_low`` and ``_high`` are for comparing conditions within raters (Cousineau-Morey), ``…_clips`` over raters and
+    clips, as those of the share are.
+    """
     import pandas as pd
 
-    from eval.stats import cousineau_morey, pigeonhole_bootstrap
+    from eval.stats import cousineau_morey
 
     answers = _answers(ratings, "child")
-    drawn = pigeonhole_bootstrap(
-        answers,
-        rater="rater",
-        clip="clip_id",
-        condition="condition",
-        answer="child",
-        seed=plan.seed,
-        resamples=plan.resamples,
+    shares, means = (
+        table[table["quantity"] != "difference"].set_index("a")
+        for table in (_drawn(ratings, question, plan) for question in QUESTIONS)
     )
-    shares = drawn[drawn["quantity"] == "proportion"].set_index("a")
     natural = cousineau_morey(cells, **_within("naturalness")).set_index("level")
     rows = []
     for condition in cells["condition"].cat.categories:
@@ -293,6 +297,7 @@ def _conditions(ratings: Ratings, cells: pd.DataFrame, plan: Plan) -> pd.DataFra
         row |= {"answers": int((answers["condition"] == condition).sum())}
         row |= {f"child_{name}": float(shares.loc[condition, key]) for name, key in _SHARE_COLUMNS.items()}
         row |= {f"naturalness_{name}": float(natural.loc[condition, name]) for name in ("mean", "low", "high", "sd")}
+        row |= {f"naturalness_{name}_clips": float(means.loc[condition, name]) for name in ("low", "high")}
         for question in QUESTIONS:
             values = of[question].dropna().to_numpy()
             for name, quantile in (("min", 0), ("q1", 25), ("median", 50), ("q3", 75), ("max", 100)):
@@ -352,6 +357,29 @@ def _logit(ratings: Ratings, plan: Plan) -> tuple[pd.DataFrame, list[str]]:
     return (pd.concat(parts, ignore_index=True) if parts else pd.DataFrame({"clustered_by": []})), notes
 
 
+def _mixed(ratings: Ratings, plan: Plan) -> tuple[pd.DataFrame, list[str]]:
+    """Differences from the source condition by a linear mixed model of both questions, and what it says in words."""
+    import pandas as pd
+
+    from eval.stats import mixed_model
+
+    parts, notes = [], []
+    for question, meaning in QUESTIONS.items():
+        answers = _answers(ratings, question)
+        conditions = list(answers["condition"].cat.categories)
+        reference = plan.source if plan.source in conditions else conditions[0]
+        try:
+            table = mixed_model(
+                answers, rater="rater", clip="clip_id", condition="condition", value=question, reference=reference
+            )
+        except ValueError as error:
+            notes.append(f"A linear mixed model of the {meaning} could not be fitted: {error}.")
+            continue
+        parts.append(table.assign(question=question, model="linear probability" if question == "child" else "linear"))
+        notes.append(mixed_words(table, meaning, reference, plan.alpha))
+    return (pd.concat(parts, ignore_index=True) if parts else pd.DataFrame({"question": []})), notes
+
+
 def _equivalence(ratings: Ratings, cells: pd.DataFrame, plan: Plan) -> pd.DataFrame:
     """Two one-sided tests of every condition against real motion of the target style; empty without that condition."""
     import pandas as pd
@@ -361,23 +389,24 @@ def _equivalence(ratings: Ratings, cells: pd.DataFrame, plan: Plan) -> pd.DataFr
     if plan.target not in set(cells["condition"]):
         return pd.DataFrame({"question": [], "test": []})
     shared: dict[str, Any] = {"reference": plan.target, "alpha": plan.alpha}
-    parts = [
-        tost_paired(cells, **_within("child"), margin=plan.margin, **shared).assign(question="child", test="paired t"),
-        tost_pigeonhole(
-            _answers(ratings, "child"),
+    parts = []
+    for question, margin in (("child", plan.margin), ("naturalness", plan.natural_margin)):
+        drawn = tost_pigeonhole(
+            _answers(ratings, question),
             rater="rater",
             clip="clip_id",
             condition="condition",
-            answer="child",
-            margin=plan.margin,
+            answer=question,
+            margin=margin,
+            scale=question == "naturalness",
             seed=plan.seed,
             resamples=plan.resamples,
             **shared,
-        ).assign(question="child", test="rater x clip bootstrap"),
-        tost_paired(cells, **_within("naturalness"), margin=plan.natural_margin, **shared).assign(
-            question="naturalness", test="paired t"
-        ),
-    ]
+        )
+        parts += [
+            tost_paired(cells, **_within(question), margin=margin, **shared).assign(question=question, test="paired t"),
+            drawn.assign(question=question, test="rater x clip bootstrap"),
+        ]
     table = pd.concat(parts, ignore_index=True)
     first = ["question", "test"]
     return table[first + [name for name in table.columns if name not in first]]

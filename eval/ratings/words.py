@@ -108,18 +108,49 @@ def _share_contrast(row: Any, styles: tuple[str, str]) -> str:
 def _natural_contrast(row: Any, wilcoxon: pd.DataFrame) -> str:
     rank = wilcoxon[(wilcoxon["a"] == row.a) & (wilcoxon["b"] == row.b)].iloc[0]
     if row.diff >= 0:
-        more, less, high, low = row.a, row.b, row.mean_a, row.mean_b
+        more, less, high, low, bounds = row.a, row.b, row.mean_a, row.mean_b, (row.low_clips, row.high_clips)
     else:
-        more, less, high, low = row.b, row.a, row.mean_b, row.mean_a
+        more, less, high, low, bounds = row.b, row.a, row.mean_b, row.mean_a, (-row.high_clips, -row.low_clips)
     facts = (
-        f"{high:.1f} against {low:.1f} of 7; Holm-corrected {p_words(row.p_holm)}, {_dz(row.dz)}; Wilcoxon "
+        f"{high:.1f} against {low:.1f} of 7, difference {abs(row.diff):+.2f} [95 % interval over raters and clips "
+        f"{bounds[0]:+.2f}, {bounds[1]:+.2f}]; Holm-corrected {p_words(row.p_holm)}, {_dz(row.dz)}; Wilcoxon "
         f"{p_words(float(rank['p_holm']))}"
     )
-    if row.reject and bool(rank["reject"]):
+    if row.reject and bool(rank["reject"]) and bounds[0] > 0:
         return f"{more} was rated more natural than {less}: {facts}."
+    if row.reject and bool(rank["reject"]):
+        return (
+            f"{more} was rated more natural than {less} on these clips, which need not carry over to others: {facts}."
+        )
     if row.reject or bool(rank["reject"]):
         return f"{more} was rated more natural than {less} by one of the two tests only, so it is not settled: {facts}."
     return f"No difference in naturalness was shown between {more} and {less}: {facts}."
+
+
+def mixed_words(table: pd.DataFrame, meaning: str, reference: str, alpha: float) -> str:
+    """What a linear mixed model says of one question; of a fit that did not converge that, and nothing else."""
+    row: Any = table.iloc[0]
+    head = f"Linear mixed model of the {meaning}, raters and clips both random"
+    if not row["converged"]:
+        return f"{head}: {row['note']}."
+    different = table.loc[table["p"] <= alpha, "a"].tolist()
+    found = ", ".join(map(str, different)) if different else "no condition"
+    variances = ", ".join(
+        f"{name} {row[column]:.3g}"
+        for name, column in (
+            ("raters", "var_rater"),
+            ("clips", "var_clip"),
+            ("raters' reactions to a condition", "var_rater_condition"),
+            ("single stimuli", "var_stimulus"),
+            ("single answers", "var_residual"),
+        )
+        if np.isfinite(row[column])
+    )
+    note = f"; {row['note']}" if row["note"] else ""
+    return (
+        f"{head}: against {reference}, {found} {'differs' if len(different) <= 1 else 'differ'} at p <= {alpha:g}, "
+        f"uncorrected; variances: {variances}{note}."
+    )
 
 
 def replication(tables: Mapping[str, pd.DataFrame], styles: tuple[str, str]) -> list[str]:

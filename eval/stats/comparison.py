@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.stats.binary import tail_p
 from eval.stats.correction import holm_within
 from eval.stats.frames import select_pairs
 from eval.stats.panel import Panel, Resampler, check_labels, read_panel, resample
+from eval.stats.pigeonhole import tail_p
 from eval.stats.ranks import critical_difference, friedman_statistic, rank_groups, row_ranks
 
 if TYPE_CHECKING:

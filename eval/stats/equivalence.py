@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eval.stats.binary import pigeonhole_draws, tail_p
 from eval.stats.correction import holm
 from eval.stats.frames import binary, codes_of, listing, require_columns, to_wide
+from eval.stats.pigeonhole import pigeonhole_draws, tail_p
 from eval.stats.posthoc import t_test_p
 from eval.stats.proportions import score_interval, score_z
 
@@ -205,18 +205,21 @@ def tost_pigeonhole(
     answer: str,
     reference: Any,
     margin: float | tuple[float, float],
+    scale: bool = False,
     alpha: float = 0.05,
     seed: int = 0,
     resamples: int = 4000,
 ) -> pd.DataFrame:
-    """Equivalence of proportions when the same raters judge many clips: raters and clips both vary.
+    """Equivalence of proportions, or of mean scores, when the same raters judge many clips: raters and clips both vary.
 
     Parameters
     ----------
     df, rater, clip, condition, answer, seed, resamples
-        As in :func:`eval.stats.binary.pigeonhole_bootstrap`.
+        As in :func:`eval.stats.pigeonhole.pigeonhole_bootstrap`.
     reference, margin, alpha
         As in :func:`tost_proportions`.
+    scale
+        Whether answers are scores and means are compared; otherwise they are 0 or 1.
 
     Returns
     -------
@@ -226,7 +229,14 @@ def tost_pigeonhole(
     """
     margin_low, margin_high = _limits(margin)
     draws = pigeonhole_draws(
-        df, rater=rater, clip=clip, condition=condition, answer=answer, seed=seed, resamples=resamples
+        df,
+        rater=rater,
+        clip=clip,
+        condition=condition,
+        answer=answer,
+        scale=scale,
+        seed=seed,
+        resamples=resamples,
     )
     base = _position(draws.levels, reference)
     rows = []

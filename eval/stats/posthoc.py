@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.stats.correction import holm
+from eval.stats.correction import holm, shaffer
 from eval.stats.effects import d_av, dz
 from eval.stats.frames import codes_of, numeric, require_columns, select_pairs, to_wide
 
@@ -226,10 +226,11 @@ def holm_paired(
     Returns
     -------
     DataFrame
-        One row for each pair: ``a, b, diff (mean a - mean b), t, df, p, p_holm, reject, low, high, low_simultaneous,
-        high_simultaneous, dz, dz_low, dz_high, d_av, d_av_low, d_av_high, n, n_dropped``. ``low`` and ``high`` are the
-        interval of that pair alone, the simultaneous ones Bonferroni's; both are two-sided. Where a pair does not differ
-        for any subject t is NaN and p is 1.
+        One row for each pair: ``a, b, diff (mean a - mean b), t, df, p, p_holm, p_shaffer, reject, low, high,
+        low_simultaneous, high_simultaneous, dz, dz_low, dz_high, d_av, d_av_low, d_av_high, n, n_dropped``. ``reject`` is
+        Holm's decision; ``p_shaffer`` stands beside it, and is NaN where the family is not that of all pairs. ``low`` and
+        ``high`` are the interval of that pair alone, the simultaneous ones Bonferroni's; both are two-sided. Where a pair
+        does not differ for any subject t is NaN and p is 1.
 
     Notes
     -----
@@ -248,6 +249,8 @@ def holm_paired(
     t = paired_t(difference)
     p = np.where(np.isnan(t), 1.0, t_test_p(t, n - 1, alternative))
     adjusted = holm(p)
+    # One-sided nulls, a <= b, do not carry over as equalities do.
+    all_pairs = pairs is None and alternative == "two-sided"
     mean = difference.mean(axis=0)
     se = difference.std(axis=0, ddof=1) / np.sqrt(n)
     one = float(stdtrit(n - 1, 1.0 - alpha / 2.0)) * se
@@ -263,6 +266,7 @@ def holm_paired(
             "df": n - 1,
             "p": p,
             "p_holm": adjusted,
+            "p_shaffer": shaffer(p) if all_pairs else np.full(len(p), np.nan),
             "reject": adjusted <= alpha,
             "low": mean - one,
             "high": mean + one,

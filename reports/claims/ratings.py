@@ -66,13 +66,14 @@ class RatingsView:
     ) -> tuple[float, float, float, float]:
         """``left`` minus ``right``, its 95 % interval, and the p value of the paired test.
 
-        The interval of the share of answers is the one over raters and clips, that of naturalness over raters.
+        The interval is the one over raters and clips where the analysis has it, else that over raters.
         """
         rows = self.contrasts[self.contrasts["question"] == measure]
         a, b = self.names[left], self.names[right]
         ours = rows[(rows["a"] == a) & (rows["b"] == b)]
         turned = rows[(rows["a"] == b) & (rows["b"] == a)]
         row, sign = (ours.iloc[0], 1.0) if len(ours) else (turned.iloc[0], -1.0)
-        names = ("diff_answers", "low_clips", "high_clips") if measure == "child" else ("diff", "low", "high")
+        over_clips = row.notna()["low_clips"]
+        names = ("diff_answers", "low_clips", "high_clips") if over_clips else ("diff", "low", "high")
         value, low, high = (sign * float(row[name]) for name in names)
         return value, min(low, high), max(low, high), float(row["p"])

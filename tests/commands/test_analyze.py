@@ -13,6 +13,8 @@ from benchmark.cli import call
 from benchmark.runner.parquet import write_rows
 from benchmark.runner.views import LEADERBOARD_COLUMNS, RESULT_COLUMNS, leaderboard
 from eval.ratings.reading import PEOPLE, SIMULATED
+from reports.ratings import choose_stimuli
+from reports.run import RunView
 
 METHODS = ("identity", "bold", "shy", "child-reference")
 #: P(target) and jerk ratio of each method.
@@ -48,20 +50,26 @@ def result(method, clip, metric, value, **more):
     }
 
 
-def planted_run(folder: Path, methods=METHODS, clips=14, **holes) -> Path:
-    """A finished run of whose results the truth is known; ``holes`` gives how many clips a method has instead."""
+def planted_rows(methods=METHODS, clips=14, holes=None, **more):
     rng = np.random.default_rng(5)
     rows = []
     for method in methods:
         p, jerk = TRUTH[method]
-        for clip in range(holes.get(method, clips)):
-            rows += [
-                result(method, clip, "recognition/p-target-kinematic", float(np.clip(p + rng.normal(0, 0.04), 0, 1))),
-                result(method, clip, "physics/jerk-ratio", float(jerk * np.exp(rng.normal(0, 0.05)))),
-                result(method, clip, "physics/bone-length-error", float(rng.uniform(0, 1e-15))),
-                result(method, clip, "cost/transfer_seconds", 0.1),
-            ]
-        rows.append(result(method, 0, "cost/fit_seconds", 1.0, clip_id="", actor="", action=""))
+        for clip in range((holes or {}).get(method, clips)):
+            scores = {
+                "recognition/p-target-kinematic": float(np.clip(p + rng.normal(0, 0.04), 0, 1)),
+                "physics/jerk-ratio": float(jerk * np.exp(rng.normal(0, 0.05))),
+                "physics/bone-length-error": float(rng.uniform(0, 1e-15)),
+                "cost/transfer_seconds": 0.1,
+            }
+            rows += [result(method, clip, metric, value, **more) for metric, value in scores.items()]
+        rows.append(result(method, 0, "cost/fit_seconds", 1.0, **{"clip_id": "", "actor": "", "action": ""} | more))
+    return rows
+
+
+def planted_run(folder: Path, methods=METHODS, clips=14, also=(), **holes) -> Path:
+    """A finished run of whose results the truth is known; ``holes`` gives how many clips a method has instead."""
+    rows = [*planted_rows(methods, clips, holes), *also]
     folder.mkdir(parents=True)
     write_rows(folder / "results.parquet", rows, RESULT_COLUMNS)
     with (folder / "leaderboard.csv").open("w", newline="", encoding="utf-8") as file:
@@ -110,7 +118,7 @@ def test_what_was_planted_is_found(analysed):
 def test_every_product_says_that_nobody_was_asked(analysed):
     folder, printed = analysed
     made = sorted((folder / "stats").glob("ratings-*.csv"))
-    assert len(made) == 17
+    assert len(made) == 18
     for path in made:
         if path.name != "ratings-stimuli.csv":
             assert SIMULATED in path.read_text(encoding="utf-8"), path.name
@@ -166,7 +174,7 @@ def test_the_same_seed_gives_the_same_files(analysed, tmp_path):
     folder, _ = analysed
     assert call(["analyze", str(folder), "--raters", "24", "--out", str(tmp_path), "-q"]) == 0
     files = sorted(path.relative_to(folder) for path in [*folder.glob("stats/*"), *folder.glob("tables/*")])
-    assert len(files) == 22
+    assert len(files) == 23
     for path in files:
         assert (folder / path).read_bytes() == (tmp_path / path).read_bytes(), path
 
@@ -196,7 +204,7 @@ def test_ratings_by_people_need_no_run(tmp_path, capsys):
         *(tmp_path / "study").rglob("*.tex"),
         tmp_path / "study/stats/ratings.md",
     ]
-    assert len(files) == 17
+    assert len(files) == 18
     for path in files:
         assert "simulated" not in path.read_text(encoding="utf-8").lower()
     conditions = pd.read_csv(tmp_path / "study" / "stats" / "ratings-conditions.csv")
@@ -289,3 +297,56 @@ def test_help_teaches_the_format(capsys):
     text = capsys.readouterr().out
     for word in ("rater,stimulus,style,naturalness,action", "stimulus,condition,clip_id,action", "simulated observers"):
         assert word in text
+
+
+def test_every_task_of_a_run_is_rated_under_its_own_name(tmp_path, capsys):
+    other = planted_rows(source_style="normal", target_style="tired")
+    run = planted_run(tmp_path / "run", also=other)
+    assert call(["analyze", str(run), "--raters", "5"]) == 0
+    printed = capsys.readouterr().out
+    assert "adult to child: means" in printed and "normal to tired: means" in printed
+    first = pd.read_csv(run / "stats" / "ratings-conditions.csv")["condition"].tolist()
+    second = pd.read_csv(run / "stats" / "ratings-normal-to-tired-conditions.csv")["condition"].tolist()
+    assert first == ["adult", "bold", "shy", "child"] and second == ["normal", "bold", "shy", "tired"]
+    assert "normal to tired" in (run / "stats" / "ratings-normal-to-tired.md").read_text()
+    tex = (run / "tables" / "ratings-normal-to-tired-tukey.tex").read_text()
+    assert r"\label{tab:ratings-normal-to-tired-tukey}" in tex
+    for path in (run / "stats").glob("ratings-normal-to-tired-*.csv"):
+        assert path.name.endswith("stimuli.csv") or SIMULATED in path.read_text()
+    # One task alone leaves the files of the other as they are.
+    before = (run / "stats" / "ratings-conditions.csv").read_bytes()
+    assert call(["analyze", str(run), "--raters", "6", "--task", "normal:tired", "-q"]) == 0
+    assert (run / "stats" / "ratings-conditions.csv").read_bytes() == before
+
+
+def test_which_training_observers_see_is_a_choice(tmp_path, capsys):
+    again = [
+        row for number in (1, 2) for row in planted_rows(("bold", "shy"), repetition=number, cell_key=f"again-{number}")
+    ]
+    view = RunView(planted_run(tmp_path / "run", also=again))
+
+    def shown(repetition):
+        stimuli, scores, notes = choose_stimuli(
+            view, "adult:child", rng=np.random.default_rng(0), repetition=repetition
+        )
+        table = stimuli.merge(scores, on="stimulus", validate="one_to_one")
+        assert table["physics/jerk-ratio"].notna().all()
+        return table.groupby("condition")["repetition"].agg(lambda numbers: sorted(numbers.tolist())), notes
+
+    numbers, notes = shown("first")
+    assert set(map(tuple, numbers)) == {(0,) * 10}
+    assert "Of the up to 3 trainings of a method the first is shown." in notes
+    numbers, notes = shown("spread")
+    assert numbers["adult"] == [0] * 10 and numbers["bold"] == [0] * 4 + [1] * 3 + [2] * 3
+    assert "Of the up to 3 trainings of a method each in turn from clip to clip is shown." in notes
+    numbers, _ = shown(2)
+    assert numbers["child"] == [0] * 10 and numbers["shy"] == [2] * 10
+    folder = str(view.folder)
+    assert call(["analyze", folder, "--repetition", "spread", "--raters", "5", "-q"]) == 0
+    assert "each in turn" in (view.folder / "stats" / "ratings.md").read_text()
+    for value, message in (
+        ("7", "no method has repetition 7; there are 0, 1, 2"),
+        ("all", "first, spread or a number"),
+    ):
+        assert call(["analyze", folder, "--repetition", value]) == 2
+        assert message in capsys.readouterr().err

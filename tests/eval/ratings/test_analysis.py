@@ -10,6 +10,7 @@ from benchmark.errors import DataError
 from eval.ratings.analysis import Plan, analyse, rater_cells
 from eval.ratings.observers import ObserverModel, observe
 from eval.ratings.reading import SIMULATED, read_ratings
+from eval.ratings.words import mixed_words
 from eval.ratings.writing import write_ratings, write_table
 from eval.stats import pigeonhole_bootstrap, rm_anova
 
@@ -81,6 +82,42 @@ def test_numbers_are_those_of_the_answers(ratings, analysis):
     )
     assert anova["F"].item() == pytest.approx(F)
     assert (anova["df1"].item(), anova["df2"].item()) == (k - 1, (n - 1) * (k - 1))
+
+
+def test_clips_count_in_both_questions(ratings, analysis):
+    contrasts = analysis.tables["contrasts"].query("sample == 'attentive'")
+    width = {
+        question: (rows["high_clips"] - rows["low_clips"]).mean() / (rows["high"] - rows["low"]).mean()
+        for question, rows in contrasts.groupby("question")
+    }
+    assert all(ratio > 1.1 for ratio in width.values())  # clips vary, too
+    assert contrasts["p_shaffer"].le(contrasts["p_holm"] + 1e-15).all() and contrasts["p_shaffer"].notna().all()
+    for row in analysis.tables["conditions"].itertuples():
+        assert row.naturalness_low_clips < row.naturalness_mean < row.naturalness_high_clips
+    tests = analysis.tables["equivalence"].groupby("question")["test"].agg(set)
+    assert all(found == {"paired t", "rater x clip bootstrap"} for found in tests)
+
+
+def test_the_mixed_model_tells_the_same_story(ratings, analysis):
+    mixed = analysis.tables["mixed"].set_index(["question", "a"])
+    assert mixed["converged"].all() and set(mixed["b"]) == {"adult"}
+    for question in ("child", "naturalness"):
+        for condition in ("ours", "theirs", "child"):
+            row, sign = contrast(analysis, question, condition, "adult")
+            assert mixed.loc[(question, condition), "diff"] == pytest.approx(sign * row["diff"], abs=1e-6)
+    assert mixed.loc[("child", "child"), "p"] < 0.001 and mixed.loc[("naturalness", "theirs"), "high"] < 0
+    text = " ".join(analysis.sections["Replication and robustness"])
+    assert (
+        "Linear mixed model of the share of target-style answers, raters and clips both random: against adult" in text
+    )
+
+
+def test_a_mixed_model_that_did_not_converge_says_nothing_else():
+    table = pd.DataFrame(
+        [{"a": "x", "p": 0.0, "converged": False, "note": "the fit did not converge (LIMIT): disregard"}]
+    )
+    text = mixed_words(table, "naturalness", "adult", 0.05)
+    assert text.endswith("raters and clips both random: the fit did not converge (LIMIT): disregard.")
 
 
 def test_the_study_of_2020_has_its_degrees_of_freedom(tmp_path):

@@ -1,4 +1,4 @@
-"""Yes-or-no answers: known log-odds, known variances, and who varies."""
+"""Answers of raters about clips: known log-odds, known variances, and who varies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eval.stats import gee_logit, pigeonhole_bootstrap
+from eval.stats import gee_logit, pigeonhole_bootstrap, pigeonhole_means, tost_pigeonhole
 
 NAMES = {"condition": "method", "answer": "child"}
 
@@ -198,3 +198,29 @@ def test_missing_answers_are_allowed_for():
     assert table.loc[0, "estimate"] == pytest.approx(part[part["method"] == "a"]["child"].mean())
     with pytest.raises(ValueError, match="at least 2 raters"):
         pigeonhole_bootstrap(df[df["rater"] == "r00"], rater="rater", clip="clip", **NAMES)
+
+
+def test_means_are_resampled_as_proportions_are():
+    df = simulate(13, rater_sd=0.5, clip_sd=0.5)
+    args = {"rater": "rater", "clip": "clip", "condition": "method", "resamples": 500}
+    shares = pigeonhole_bootstrap(df, **args, answer="child")
+    means = pigeonhole_means(df.assign(score=3.0 + 2.0 * df["child"]), **args, value="score")
+    assert means["quantity"].tolist() == ["mean", "mean", "difference"]
+    assert means["estimate"].tolist() == pytest.approx(
+        [3 + 2 * shares["estimate"][0], 3 + 2 * shares["estimate"][1], 2 * shares["estimate"][2]]
+    )
+    for column in ("low", "high", "se"):
+        assert means[column][2] == pytest.approx(2 * shares[column][2])
+    with pytest.raises(ValueError, match="lacks a value in 1 rows"):
+        pigeonhole_means(df.assign(score=[np.nan, *df["child"][1:]]), **args, value="score")
+    with pytest.raises(ValueError, match="0 or 1 in every row"):
+        pigeonhole_bootstrap(df.assign(child=2.0), **args, answer="child")
+
+
+def test_equivalence_of_means_scales_with_the_margin():
+    df = simulate(14, raters=60, clips=20, logits=(0.0, 0.05), shared=True)
+    args = {"rater": "rater", "clip": "clip", "condition": "method", "reference": "a", "resamples": 500}
+    one = tost_pigeonhole(df, **args, answer="child", margin=0.1)
+    ten = tost_pigeonhole(df.assign(child=10.0 * df["child"]), **args, answer="child", margin=1.0, scale=True)
+    assert ten["p"].tolist() == one["p"].tolist() and ten["equivalent"].all()
+    assert ten["low"].tolist() == pytest.approx((10 * one["low"]).tolist())
