@@ -16,4 +16,7 @@ BUILTIN_FIGURES: dict[str, str] = {
     "joint-change": "reports.figures.joints:joint_change",
     "jump-overlay": "reports.figures.jump_overlay:jump_overlay",
     "jump-landing": "reports.figures.jump:jump_landing",
+    "critical-difference": "reports.figures.critical_difference:critical_difference",
+    "ratings": "reports.figures.rating_boxes:ratings",
+    "ablation-forest": "reports.figures.ablations:ablation_forest",
 }

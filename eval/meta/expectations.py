@@ -83,6 +83,9 @@ distribution/frechet-limit-kinematic    .   .   s   s   .   .   .   .   .   0   
 distribution/frechet-limit-learned      .   .   s   s   .   .   .   .   .   0   0   .   .   s   .   s
 distribution/kid-kinematic              .   .   .   s   .   .   .   .   .   0   0   .   .   s   .   s
 distribution/kid-learned                .   .   .   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/mmd-kinematic              .   .   .   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/mmd-learned                .   .   .   s   .   .   .   .   .   0   0   .   .   s   .   s
+distribution/mmd-p-*                    .   .   .   .   .   .   .   .   .   0   0   .   .   .   .   .
 distribution/precision-*                .   .   .   .   .   .   .   .   .   0   0   .   .   s   .   .
 distribution/density-*                  .   .   .   .   .   .   .   .   .   0   0   .   .   s   .   .
 distribution/recall-*                   .   .   .   s   .   .   .   .   .   0   0   .   .   .   .   s

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.api import MetricInfo, NotApplicableError
-from eval.metrics import two_sample
+from eval.metrics import mmd, two_sample
 from eval.metrics.window_sets import (
     DRAWS,
     SEED,
@@ -26,6 +26,12 @@ from eval.probes.encoder import FeatureSet
 
 Array = NDArray[np.float64]
 
+#: Random arrangements for a permutation p value; with the observed one they are 1000.
+PERMUTATIONS = 999
+
+#: Fewer ways of exchanging clips cannot give a p value below 0.05.
+FEWEST_ARRANGEMENTS = 21
+
 
 def _info(
     name: str,
@@ -34,6 +40,7 @@ def _info(
     direction: Literal["lower", "higher", "target", "none"],
     citation: str,
     target: float | None = None,
+    code_deps: tuple[str, ...] = (),
 ) -> MetricInfo:
     return MetricInfo(
         name=f"distribution/{name}-{which}",
@@ -55,6 +62,7 @@ def _info(
             "eval.metrics.window_sets",
             "eval.probes.encoder",
             "eval.probes.projection",
+            *code_deps,
         ),
     )
 
@@ -177,6 +185,105 @@ class KernelDistanceErrorLearned(KernelDistanceError):
     which = "learned"
     info = _info(
         "kid-error", "learned", "standard error over clips of the kernel distance", "none", "Binkowski et al. 2018"
+    )
+
+
+class _Gaussian(DistributionMetric):
+    """The two sets through a Gaussian kernel, whose bandwidth is the median distance between windows of real clips."""
+
+    def compared(self, real: Windows, ours: Windows) -> mmd.TwoSample:
+        """Real motion first; not applicable to fewer than two clips on either side."""
+        _several_clips(real, ours)
+        bandwidth = mmd.median_bandwidth(real.features, real.clips)
+        if bandwidth <= 0.0:
+            raise NotApplicableError("all windows of real motion are the same")
+        return mmd.two_sample(
+            real.features,
+            ours.features,
+            real.clips,
+            ours.clips,
+            bandwidth=bandwidth,
+            x_strata=real.actions,
+            y_strata=ours.actions,
+        )
+
+
+class Discrepancy(_Gaussian):
+    """Maximum mean discrepancy, squared, under a Gaussian kernel, without bias by number or by overlapping windows.
+
+    See :func:`eval.metrics.mmd.two_sample`. Unlike :class:`KernelDistance` it sees any difference of distributions, not of the
+    first three moments only, and one far-off window cannot decide it: it is 2 at most. Values around 0, negative ones too, say
+    that nothing tells the two apart; the scale is that of real motion, so values compare within a task and a feature set only.
+    """
+
+    info = _info(
+        "mmd",
+        "kinematic",
+        "maximum mean discrepancy from real motion, Gaussian kernel",
+        "lower",
+        "Gretton et al. 2012",
+        code_deps=("eval.metrics.mmd",),
+    )
+
+    def value(self, real: Windows, ours: Windows, size: int) -> float:
+        """The discrepancy; not applicable to fewer than two clips on either side."""
+        return float(self.compared(real, ours).discrepancy())
+
+
+class DiscrepancyLearned(Discrepancy):
+    """As :class:`Discrepancy`, over learned features."""
+
+    which = "learned"
+    info = _info(
+        "mmd",
+        "learned",
+        "maximum mean discrepancy from real motion, Gaussian kernel",
+        "lower",
+        "Gretton et al. 2012",
+        code_deps=("eval.metrics.mmd",),
+    )
+
+
+class DiscrepancyP(_Gaussian):
+    """Permutation p value of the maximum mean discrepancy: whether results and real motion could be of one distribution.
+
+    Whole clips are exchanged, and within an action only: windows of a clip belong together, and the two sets need not have the
+    same mix of actions. It describes (direction ``none``): a small p says that a difference is beyond chance, a large one does
+    not say that there is none, and p compares no two methods. Clips of one performer depend on one another, so that p is too
+    small where there are few performers: the row of real performers shows by how much. It cannot be below 0.001.
+    """
+
+    info = _info(
+        "mmd-p",
+        "kinematic",
+        "permutation p value of the maximum mean discrepancy",
+        "none",
+        "Gretton et al. 2012",
+        code_deps=("eval.metrics.mmd",),
+    )
+
+    def value(self, real: Windows, ours: Windows, size: int) -> float:
+        """The p value; not applicable where there are too few ways of dealing out the clips for one below 0.05."""
+        compared = self.compared(real, ours)
+        ways = compared.arrangements()
+        if ways < FEWEST_ARRANGEMENTS:
+            raise NotApplicableError(
+                f"clips can be exchanged in {ways} ways only; a p value below 0.05 needs {FEWEST_ARRANGEMENTS}"
+            )
+        return compared.p(permutations=PERMUTATIONS, rng=np.random.default_rng(SEED))
+
+
+class DiscrepancyPLearned(DiscrepancyP):
+    """As :class:`DiscrepancyP`, over learned features."""
+
+    which = "learned"
+    info = _info(
+        "mmd-p",
+        "learned",
+        "permutation p value of the maximum mean discrepancy",
+        "none",
+        "Gretton et al. 2012",
+        code_deps=("eval.metrics.mmd",),
     )
 
 

@@ -118,13 +118,13 @@ def kernel_distance(
     two = _Grouped((y @ y.T / d + 1.0) ** 3, y_groups, codes[len(x) :], len(names))
     across = one.rows.T @ ((x @ y.T / d + 1.0) ** 3) @ two.rows
     same = np.einsum("gs,gh,hs->s", one.member, across, two.member)
-    value = float(_squared_distance(one.pairs(), two.pairs(), across.sum(), same))
+    value = float(squared_distance(one.pairs(), two.pairs(), across.sum(), same))
     if min(across.shape) < 3:
         return Estimate(value, float("nan"))
 
     variance = 0.0
     for side, other, cross in ((one, two, across), (two, one, across.T)):
-        left = _squared_distance(
+        left = squared_distance(
             side.pairs_without_each(),
             other.pairs(),
             across.sum() - cross.sum(axis=1),
@@ -134,7 +134,7 @@ def kernel_distance(
     return Estimate(value, float(np.sqrt(variance)))
 
 
-class _Pairs(NamedTuple):
+class Pairs(NamedTuple):
     """Sums of the kernel over the pairs of rows within a sample, for one or several versions of it.
 
     Attributes
@@ -176,11 +176,11 @@ class _Grouped:
         self.sums = self.rows.T @ kernel @ self.rows
         self.size = self.rows.sum(axis=0)
 
-    def pairs(self) -> _Pairs:
+    def pairs(self) -> Pairs:
         """The sums over the whole sample."""
         own = np.diag(self.sums)
         whole = np.einsum("gs,gh,hs->s", self.member, self.sums, self.member)
-        return _Pairs(
+        return Pairs(
             self.sums.sum() - own.sum(),
             whole - own @ self.member,
             whole,
@@ -188,11 +188,11 @@ class _Grouped:
             self.size**2 @ self.member,
         )
 
-    def pairs_without_each(self) -> _Pairs:
+    def pairs_without_each(self) -> Pairs:
         """The sums (G, ...) over the sample without one group each."""
         pairs, own = self.pairs(), np.diag(self.sums)
         near = np.einsum("gs,gh,hs->g", self.member, self.sums, self.member)
-        return _Pairs(
+        return Pairs(
             pairs.total - 2.0 * (self.sums.sum(axis=1) - own),
             pairs.apart - 2.0 * self.member * (near - own)[:, None],
             pairs.whole - self.member * (2.0 * near - own)[:, None],
@@ -201,7 +201,7 @@ class _Grouped:
         )
 
 
-def _squared_distance(one: _Pairs, two: _Pairs, across: Array | float, same: Array) -> Array:
+def squared_distance(one: Pairs, two: Pairs, across: Array | float, same: Array) -> Array:
     """(...) squared distances; ``same`` (..., S) are the sums of the kernel across the samples in the same stratum."""
     within = []
     for own, other in ((one, two), (two, one)):

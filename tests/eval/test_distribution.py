@@ -85,7 +85,7 @@ def altered(samples: list[Sample], change) -> list[Sample]:
 
 
 def test_there_are_two_of_every_kind() -> None:
-    assert len(METRICS) == 18
+    assert len(METRICS) == 22
     for metric in METRICS:
         assert metric.info.scope == "set" and metric.info.probe == "motion-encoder"
         assert metric.info.name.endswith(metric.which)
@@ -97,13 +97,15 @@ def test_there_are_two_of_every_kind() -> None:
 def test_real_performers_are_nearer_to_real_performers_than_adults_are(identity, performers) -> None:
     ours, floor = values(identity), values(performers)
     for which in ("kinematic", "learned"):
-        for name in ("frechet", "frechet-limit", "kid"):
+        for name in ("frechet", "frechet-limit", "kid", "mmd"):
             assert floor[f"distribution/{name}-{which}"] < 0.5 * ours[f"distribution/{name}-{which}"], name
         for name in ("precision", "recall", "coverage"):
             assert floor[f"distribution/{name}-{which}"] > ours[f"distribution/{name}-{which}"] + 0.1, name
         assert abs(floor[f"distribution/diversity-ratio-{which}"] - 1.0) < 0.25
         error = ours[f"distribution/kid-error-{which}"]
         assert ours[f"distribution/kid-{which}"] > 2.0 * error > 0.0
+        assert ours[f"distribution/mmd-p-{which}"] == pytest.approx(0.001)
+        assert floor[f"distribution/mmd-p-{which}"] > 0.05
 
 
 def _placed(clip: MotionClip) -> MotionClip:
