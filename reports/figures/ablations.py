@@ -117,9 +117,7 @@ def forest(table: pd.DataFrame, meanings: dict[str, tuple[str, str]]) -> Figure:
                     _ROW * len(lines) / height,
                 )
             )
-            _panel(
-                axes, table[table["metric"] == metric].set_index("variant"), lines, meanings.get(metric, ("", "none"))
-            )
+            _panel(axes, table[table["metric"] == metric], lines, meanings.get(metric, ("", "none")))
             unit, direction = meanings.get(metric, ("", "none"))
             axes.set_title(f"{metric}{'' if unit in ('', '1') else f' ({unit})'}", loc="left", fontsize=6.8, pad=11)
             better = {"lower": "← better", "higher": "better →"}.get(direction, "")
@@ -144,23 +142,22 @@ def forest(table: pd.DataFrame, meanings: dict[str, tuple[str, str]]) -> Figure:
 
 def _panel(axes: Axes, table: pd.DataFrame, lines: list[tuple[str, str | None]], meaning: tuple[str, str]) -> None:
     sign = {"lower": -1.0, "higher": 1.0}.get(meaning[1], 0.0)
+    entries = {str(row["variant"]): row for row in table.to_dict("records")}
     axes.axvline(0.0, color=INK, linewidth=0.6)
     for place, (_, name) in enumerate(lines):
         if name is None:
             continue
         axes.axhline(place, color=FAINT, linewidth=0.5, zorder=0)
-        if name not in table.index or not np.isfinite(table.loc[name, "diff"]):
+        entry = entries.get(name)
+        if entry is None or not np.isfinite(entry["diff"]):
             axes.text(
-                0.02,
-                place,
-                "no value",
+                *(0.02, place, "no value"),
                 transform=axes.get_yaxis_transform(),
                 fontsize=5.5,
                 va="center",
                 color="#777777",
             )
             continue
-        entry = table.loc[name]
         low, high = float(entry["low"]), float(entry["high"])
         good = sign * float(entry["diff"])
         sure = low > 0.0 or high < 0.0

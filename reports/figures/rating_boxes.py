@@ -62,14 +62,15 @@ def brackets(
         pair, the shortest first; with many one for each condition of real motion.
     """
     place = {name: index for index, name in enumerate(order)}
-    found = []
+    found: list[tuple[int, int, str]] = []
     row: Any
     for row in contrasts.itertuples():
         if not row.reject or row.a not in place or row.b not in place:
             continue
         carries = not row.low_clips <= 0 <= row.high_clips
         mark = stars(row.p_holm) if carries else f"({stars(row.p_holm)})"
-        found.append((*sorted((place[row.a], place[row.b])), mark))
+        low, high = sorted((place[row.a], place[row.b]))
+        found.append((low, high, mark))
     found.sort(key=lambda pair: (pair[1] - pair[0], pair[0]))
     if len(order) <= _EVERY_PAIR:
         return [(low, [(high, mark)]) for low, high, mark in found]
