@@ -26,6 +26,9 @@ CLIPS = 10
 #: Folder of the statistics in a run folder, and the names of what is written there.
 STATS, STIMULI, ANSWERS, EVIDENCE = "stats", "ratings-stimuli.csv", "ratings-answers.csv", "ratings-evidence.csv"
 
+#: A LaTeX table of more rows runs on from page to page.
+ROWS_OF_A_PAGE = 40
+
 #: Which trainings of a method are shown: its first, or each in turn from clip to clip.
 FIRST, SPREAD = "first", "spread"
 
@@ -401,25 +404,43 @@ def latex_tukey(analysis: Analysis, stem: str = "ratings") -> str:
             f"{scale * row.diff:.{0 if scale == 100 else 2}f}",
             _latex_p(row.p),
             _latex_p(naive.loc[key, "p"]),
+            _latex_p(contrasts.loc[key, "p_shaffer"]),
             _latex_p(contrasts.loc[key, "p_holm"]),
         ]
         body.append(" & ".join(cells) + r" \\")
-    head = r"question & pair & difference & $p$ Tukey within & $p$ Tukey between & $p$ Holm \\"
+    head = r"question & pair & difference & Tukey within & Tukey between & Shaffer & Holm \\"
     caption = (
-        "Pairs of conditions: Tukey's test with the error within raters, with the error between raters (naive), and paired t "
-        "tests with Holm's correction (primary). Differences in percentage points and in steps of the scale."
+        "Pairs of conditions, p of: Tukey's test with the error within raters, with the error between raters (naive), and "
+        f"paired t tests with Shaffer's and with Holm's correction (primary); {contrasts['n'].min()} raters. Differences in "
+        "percentage points and in steps of the scale."
     )
-    return _latex_table(analysis, f"{stem}-tukey", "llrrrr", head, body, caption)
+    return _latex_table(analysis, f"{stem}-tukey", "llrrrrr", head, body, caption)
 
 
 def _latex_table(analysis: Analysis, name: str, columns: str, head: str, body: Sequence[str], caption: str) -> str:
     whose = "" if analysis.kind == PEOPLE else f"{analysis.kind[0].upper()}{analysis.kind[1:]}. "
+    text = rf"\caption{{{latex_escape(whose + caption)}}}"
+    mark = rf"\label{{tab:{name}}}"
+    if len(body) > ROWS_OF_A_PAGE:
+        lines = [
+            "% needs: booktabs, longtable",
+            r"{\small",
+            rf"\begin{{longtable}}{{{columns}}}",
+            rf"{text} {mark} \\",
+            *(r"\toprule", head, r"\midrule", r"\endfirsthead"),
+            *(r"\toprule", head, r"\midrule", r"\endhead"),
+            *(r"\bottomrule", r"\endfoot"),
+            *body,
+            r"\end{longtable}",
+            "}",
+        ]
+        return "\n".join(lines) + "\n"
     lines = [
         "% needs: booktabs",
         r"\begin{table}",
         r"\centering\small",
-        rf"\caption{{{latex_escape(whose + caption)}}}",
-        rf"\label{{tab:{name}}}",
+        text,
+        mark,
         rf"\begin{{tabular}}{{{columns}}}",
         r"\toprule",
         head,

@@ -6,6 +6,8 @@ In the spirit of the kinetic and geometric feature vectors on which motion distr
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -127,10 +129,15 @@ def window_spans(frames: int, length: float = WINDOW, hop: float = HOP) -> list[
     spans
         One for sequences that are no longer than a window.
     """
-    size, step = round(length * RATE), round(hop * RATE)
+    return list(_spans(frames, round(length * RATE), round(hop * RATE)))
+
+
+@lru_cache(maxsize=4096)
+def _spans(frames: int, size: int, step: int) -> tuple[slice, ...]:
+    # Asked for with every distribution metric and clip, of a few hundred lengths.
     rest = max(0, frames - size)
     count = -(-rest // step) + 1
-    return [slice(int(start), int(start) + size) for start in np.round(np.linspace(0, rest, count))]
+    return tuple(slice(int(start), int(start) + size) for start in np.round(np.linspace(0, rest, count)))
 
 
 def _describe(sequence: NDArray[np.float64]) -> NDArray[np.float64]:

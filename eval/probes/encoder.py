@@ -74,12 +74,13 @@ class MotionEncoder(Probe):
 
     def __init__(self) -> None:
         self._known: WeakKeyDictionary[MotionClip, tuple[Array, Array]] = WeakKeyDictionary()
+        self._seen: WeakKeyDictionary[MotionClip, dict[FeatureSet, Array]] = WeakKeyDictionary()
 
     def fit(self, train: TrainView, task: StyleTask, *, rng: np.random.Generator, ctx: FitContext) -> Self:
         """Train on every training clip; a :class:`~benchmark.api.NotApplicableError` where there are too few windows."""
         from eval.probes.autoencoder import train as learn
 
-        self._known = WeakKeyDictionary()
+        self._known, self._seen = WeakKeyDictionary(), WeakKeyDictionary()
         clips = [clip for style in (task.source_style, task.target_style) for clip in train.clips(style)]
         described = [_kinematic(clip) for clip in clips]
         windows = sum(len(each) for each in described)
@@ -102,14 +103,19 @@ class MotionEncoder(Probe):
         return self._layers(clip)[0]
 
     def features(self, clip: MotionClip, which: FeatureSet) -> Array:
-        """(W, K) features of the windows of a clip on the principal axes of the training windows.
+        """(W, K) features of the windows of a clip on the principal axes of the training windows, read-only.
 
         Their unit is the root mean variance of a training window along an axis, so the K axes together have variance K.
         A clip of fewer than 4 frames at 30 a second has no kinematic features: :class:`~benchmark.api.NotApplicableError`.
         """
-        projection = self.projection(which)
-        raw = stabilised(kinematic_features(clip)) if which == "kinematic" else self._pooled(clip)
-        return projection.apply(raw) / np.sqrt(projection.variances.mean())
+        # Real clips are looked at anew by every metric of every set.
+        seen = self._seen.setdefault(clip, {})
+        if which not in seen:
+            projection = self.projection(which)
+            raw = stabilised(kinematic_features(clip)) if which == "kinematic" else self._pooled(clip)
+            seen[which] = projection.apply(raw) / np.sqrt(projection.variances.mean())
+            seen[which].flags.writeable = False
+        return seen[which]
 
     def projection(self, which: FeatureSet) -> Projection:
         """The principal axes of a feature set."""

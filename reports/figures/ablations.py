@@ -189,8 +189,11 @@ def ablation_forest(run: RunView) -> list[Drawing]:
         table = differences(part, variants_of(run.methods(task)))
         if table.empty:
             continue
-        chosen = headline_metrics(table["metric"], also=_ABLATED)[:_PANELS]
+        moved = table[(table["low"] != 0.0) | (table["high"] != 0.0)]
+        chosen = headline_metrics(moved["metric"], also=_ABLATED)[:_PANELS]
         table = table[table["metric"].isin(chosen)].copy()
+        if table.empty:
+            continue
         table["metric"] = pd.Categorical(table["metric"], categories=chosen)
         table = table.sort_values("metric", kind="stable").astype({"metric": str})
         meanings = {

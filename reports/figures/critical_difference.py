@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 #: Of Nemenyi's test and of Friedman's, as the stored ranks have it.
 ALPHA = 0.05
 
+#: Share of the clips of the most common metric that another needs to be shown.
+_ENOUGH = 0.5
+
 #: More methods than this need the whole width for one diagram.
 _NARROW = 10
 
@@ -182,7 +185,9 @@ def critical_difference(run: RunView) -> list[Drawing]:
         ]
         if table.empty:
             continue
-        chosen = headline_metrics(table["metric"])
+        # A metric with a value for few clips only (tempo, of cyclic motions) does not stand for a group that has a better one.
+        common = table[table["n"] >= _ENOUGH * table["n"].max()]
+        chosen = headline_metrics(common["metric"])
         part = table[table["metric"].isin(chosen)].copy()
         part["metric"] = pd.Categorical(part["metric"], categories=chosen)
         part = part.sort_values(["metric", "mean_rank"]).astype({"metric": str})

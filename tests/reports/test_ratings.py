@@ -105,7 +105,10 @@ def planted(kind):
         ]
     )
     contrasts = pd.DataFrame(
-        [{**pair, "sample": "attentive", "p_holm": 0.0501}, {**pair, "sample": "all", "p_holm": 0.9}]
+        [
+            {**pair, "sample": "attentive", "p_holm": 0.0501, "p_shaffer": 0.049, "n": 36},
+            {**pair, "sample": "all", "p_holm": 0.9, "p_shaffer": 0.9, "n": 41},
+        ]
     )
     return Analysis(kind, {"anova": anova, "tukey": tukey, "contrasts": contrasts}, {})
 
@@ -114,9 +117,27 @@ def test_latex_tables():
     anova, tukey = latex_anova(planted(PEOPLE)), latex_tukey(planted(PEOPLE))
     assert r"style & 4, 140 & 23.7 & $<$ .001 & 0.91 & $<$ .001 & 0.40 [0.29, 0.48] \\" in anova
     assert anova.count(r" \\") == 2 and "36 raters" in anova  # a head and one row
-    assert r"style & adult -- a\_b\%[time] & -12 & .040 & .300 & .050 \\" in tukey
+    assert r"style & adult -- a\_b\%[time] & -12 & .040 & .300 & .049 & .050 \\" in tukey
     for text in (anova, tukey):
         assert text.index(r"\toprule") < text.index(r"\midrule") < text.index(r"\bottomrule")
         assert "observers" not in text
     for text in (latex_anova(planted(SIMULATED)), latex_tukey(planted(SIMULATED))):
         assert r"\caption{Simulated observers, not people. " in text
+
+
+def test_a_table_of_many_pairs_runs_on_over_pages():
+    few = planted(SIMULATED)
+    pairs = [(f"m{i}", f"m{j}") for i in range(10) for j in range(i + 1, 10)]
+
+    def many(name):
+        parts = [few.tables[name].assign(a=a, b=b) for a, b in pairs]
+        return pd.concat(parts, ignore_index=True)
+
+    text = latex_tukey(Analysis(SIMULATED, {"tukey": many("tukey"), "contrasts": many("contrasts")}, {}))
+    lines = text.splitlines()
+    assert "longtable" in lines[0] and text.count(r"\begin{longtable}") == text.count(r"\end{longtable}") == 1
+    assert text.count("{") == text.count("}")
+    # Every row has as many cells as the table has columns.
+    rows = [line for line in lines if line.startswith(("question", "style"))]
+    assert len(rows) == 2 + len(pairs) and {row.count(" & ") for row in rows} == {6}
+    assert "llrrrrr" in text and SIMULATED.capitalize() in text and "36 raters" in text

@@ -156,6 +156,11 @@ def test_the_diagram_of_a_run_says_n_actors_and_the_test(tmp_path):
     for word in ("40 test clips of 4 actors", "Nemenyi", "alpha 0.05", "depend on one another"):
         assert word in drawing.caption
     assert set(drawing.data["metric"]) == set(METRICS)
+    # A metric of few clips gives way.
+    few = ranks(LONG)
+    few.loc[few["metric"] == "style/d-s", "n"] = 3
+    few.to_csv(tmp_path / "stats" / "metrics-ranks.csv", index=False)
+    assert "style/d-s" not in set(critical_difference(run)[0].data["metric"])
 
 
 def conditions(names, kind=SIMULATED):
@@ -292,5 +297,10 @@ def test_the_forest_of_a_run(tmp_path):
     assert [float(dot.get_xdata()[0]) for dot in dots] == [-0.5, -0.5, 0.5]
     filled = [dot.get_markerfacecolor() != "#ffffff" for dot in dots]
     assert filled == drawing.data[drawing.data["metric"] == "style/d-s"]["reject"].tolist()
+    # What no variant changes has no panel.
+    still = comparison()
+    still.loc[still["metric"] == "style/d-s", ["diff", "low", "high"]] = 0.0
+    still.to_csv(tmp_path / "stats" / "metrics-comparison.csv", index=False)
+    assert set(ablation_forest(run)[0].data["metric"]) == set(METRICS) - {"style/d-s"}
     plain = run_of(tmp_path, ["identity", "kc[a]"])
     assert ablation_forest(plain) == []
