@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -73,6 +73,8 @@ class Scene:
     normalise
         ``"none"``: bodies keep their size; ``"leg"`` or ``"height"``: all are brought to the same one, path and all, so that
         size does not tell who it is. Timing is left alone.
+    camera
+        Of a single panel: the camera that :func:`common_camera` set for several videos; by default it is set for this one.
 
     Notes
     -----
@@ -89,6 +91,7 @@ class Scene:
     footer: str = ""
     sides: bool = True
     normalise: Normalise = "none"
+    camera: Camera | None = None
 
     def __post_init__(self) -> None:
         check_size(self.size)
@@ -100,6 +103,8 @@ class Scene:
             raise ConfigError(f"a video lasts more than 0 and at most 3600 seconds, not {self.seconds:g}")
         if self.normalise not in ("none", "leg", "height"):
             raise ConfigError(f"bodies are normalised by none, leg or height, not {self.normalise!r}")
+        if self.camera is not None and len(self.panels) > 1:
+            raise ConfigError("a camera can be given for a single panel only")
 
     @cached_property
     def times(self) -> Array:
@@ -157,6 +162,7 @@ def write_video(
     footer: str = "",
     sides: bool = True,
     normalise: Normalise = "none",
+    camera: Camera | None = None,
     metadata: Mapping[str, str] | None = None,
     report: Callable[[float], None] | None = None,
 ) -> VideoFacts:
@@ -164,7 +170,7 @@ def write_video(
 
     Parameters
     ----------
-    panels, size, fps, seconds, repeat_card, footer, sides, normalise
+    panels, size, fps, seconds, repeat_card, footer, sides, normalise, camera
         As of :class:`Scene`.
     path
         The file to write, ending in ``.mp4``; its folder is made.
@@ -182,7 +188,7 @@ def write_video(
     """
     if path.suffix.lower() != ".mp4":
         raise ConfigError(f"{path} does not end in .mp4, which is what can be written")
-    scene = Scene(panels, size, fps, seconds, repeat_card, footer, sides, normalise)
+    scene = Scene(panels, size, fps, seconds, repeat_card, footer, sides, normalise, camera)
     return encode(scene.frames(), len(scene), path, size=size, fps=fps, metadata=metadata, report=report)
 
 
@@ -210,6 +216,36 @@ def write_still(
     Image.fromarray(scene.frame_at(at).rgb()).save(buffer, "PNG", optimize=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     atomic_write(path, (buffer.getvalue(),))
+
+
+def common_camera(
+    clips: Iterable[MotionClip], *, size: tuple[int, int] = (640, 480), footer: str = "", normalise: Normalise = "none"
+) -> Camera:
+    """One camera for videos of single clips that are compared: figures of one size are then seen at one scale.
+
+    Parameters
+    ----------
+    clips
+        All that will be shown; each is looked at once.
+    size, footer, normalise
+        As of the videos.
+    """
+    level, clouds = 0.0, []
+    for clip in clips:
+        figure = _Figure(Panel(clip), normalise)
+        level = min(level, -figure.body.sole)
+        clouds.append(figure.cloud(level))
+    return frame_camera(clouds, (size[0], _bottom(size, footer)), level)
+
+
+def _bottom(size: tuple[int, int], footer: str) -> int:
+    """Rows of the picture above the footer."""
+    return size[1] - (_even(1.9 * _small(size)) if footer else 0)
+
+
+def _small(size: tuple[int, int]) -> int:
+    """Height of the footer's letters."""
+    return max(min(size) // 44, 9)
 
 
 class _Figure:
@@ -262,14 +298,14 @@ class _Stage:
         self.colours = _SIDES if scene.sides else _NEUTRAL
         #: Row of ``colours`` for each side.
         self.paints = (0, 1, 2) if scene.sides else (0, 0, 0)
-        small = max(min(width, height) // 44, 9)
-        self.bottom = height - (_even(1.9 * small) if scene.footer else 0)
+        small, self.bottom = _small(scene.size), _bottom(scene.size, scene.footer)
         titled = any(panel.title for panel in scene.panels)
         letters = max(min(width, height) // 34, 10)
         head = _even(1.8 * letters) if titled else 0
         self.level = min(-figure.body.sole for figure in self.figures)
         clouds = [figure.cloud(self.level) for figure in self.figures]
         columns, camera = _best_grid(clouds, width, self.bottom, head, self.level)
+        camera = scene.camera or camera
         self.camera: Camera = camera
         self.ground = Ground(camera, self.level)
         self.blank = np.full((height, width), to_luma(np.array(BAND)), dtype=np.uint8)
