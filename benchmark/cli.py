@@ -23,6 +23,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "report": ("benchmark.commands.report:report", "Write the report of a run again."),
     "figures": ("benchmark.commands.figures:figures", "Draw the figures of a run again."),
     "video": ("benchmark.commands.video:video", "Clips, or the results of a run side by side, as an MP4."),
+    "study": ("benchmark.commands.study:study", "Ask people: build, serve, rehearse and analyse a perceptual study."),
     "transfer": ("benchmark.commands.transfer:transfer", "Apply a trained method of a run to your own clip."),
     "compare": ("benchmark.commands.compare:compare", "Two runs side by side, with what differs in their settings."),
     "metrics-check": (

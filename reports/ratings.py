@@ -64,6 +64,8 @@ def choose_stimuli(
     *,
     rng: np.random.Generator,
     clips: int = CLIPS,
+    methods: Sequence[str] | None = None,
+    actions: Sequence[str] | None = None,
     repetition: int | str = FIRST,
 ) -> tuple[pd.DataFrame, pd.DataFrame, tuple[str, ...]]:
     """Choose what of a run would be shown: the same clips in every condition, balanced over actions and actors.
@@ -78,6 +80,10 @@ def choose_stimuli(
         Decides among clips that are equally good, and shuffles the ids.
     clips
         Stimuli of each condition.
+    methods
+        The methods that are conditions; all of the run by default.
+    actions
+        The actions that are shown; all by default.
     repetition
         Of methods that were trained several times: the number of the training that is shown, :data:`FIRST`, or :data:`SPREAD`
         to take each training in turn from clip to clip, so that what is said of a method does not rest on one of them. A method
@@ -108,6 +114,8 @@ def choose_stimuli(
     rows = rows[
         (rows["task"] == task) & (rows["variant"] == "raw") & (rows["clip_id"] != "") & (rows["status"] == "ok")
     ]
+    if actions is not None:
+        rows = rows[rows["action"].isin(actions)]
     # Every transferred clip has this row, whatever its metrics say.
     done = rows[rows["metric"] == "cost/transfer_seconds"]
     shown = _trainings(done, repetition)
@@ -121,17 +129,18 @@ def choose_stimuli(
         if (numbers := shown.get(method))
         else set()
         for method in run.methods(task)
+        if methods is None or method in methods
     }
     most = max((len(found) for found in of_method.values()), default=0)
     few = [method for method, found in of_method.items() if len(found) < _ENOUGH * most or not found]
-    methods = [method for method in of_method if method not in few]
-    common = set.intersection(*(of_method[method] for method in methods)) if methods else set()
-    if len(methods) < 2 or not common:
+    compared = [method for method in of_method if method not in few]
+    common = set.intersection(*(of_method[method] for method in compared)) if compared else set()
+    if len(compared) < 2 or not common:
         counts = ", ".join(f"{method} {len(found)}" for method, found in of_method.items())
         raise DataError(f"{run.folder}: no two methods have a result for the same clip of {task} ({counts})")
     chosen = _balanced(done, common, rng, clips)
-    labels = {FLOOR: source, run.real_method: target}
-    pairs = [(method, clip) for method in methods for clip in chosen]
+    names = condition_names(run, task)
+    pairs = [(method, clip) for method in compared for clip in chosen]
     turns = rng.permutation(len(chosen)).tolist() if repetition == SPREAD else range(len(chosen))
     turn = dict(zip(chosen, turns, strict=True))
     numbers = [shown[method][turn[clip] % len(shown[method])] for method, clip in pairs]
@@ -140,7 +149,7 @@ def choose_stimuli(
     stimuli = pd.DataFrame(
         {
             "stimulus": [f"s{index:0{max(3, len(str(len(pairs))))}d}" for index in ids],
-            "condition": [_condition(method, labels) for method, _ in pairs],
+            "condition": [names[method] for method, _ in pairs],
             "clip_id": [clip for _, clip in pairs],
             "action": [str(facts.loc[clip, "action"]) for _, clip in pairs],
             "actor": [str(facts.loc[clip, "actor"]) for _, clip in pairs],
@@ -156,11 +165,11 @@ def choose_stimuli(
     scores = wide.reindex(pd.MultiIndex.from_tuples(keys)).reset_index(drop=True)
     scores.insert(0, "stimulus", stimuli["stimulus"].to_numpy())
     scores.insert(1, "repetition", numbers)
-    actions = stimuli["action"].nunique()
-    notes = [f"{len(stimuli)} stimuli: {len(chosen)} clips of {actions} actions in {len(methods)} conditions."]
-    if FLOOR in methods:
+    kinds = stimuli["action"].nunique()
+    notes = [f"{len(stimuli)} stimuli: {len(chosen)} clips of {kinds} actions in {len(compared)} conditions."]
+    if FLOOR in compared:
         notes.append(f"{source!r} is the source motion on the target's body, as the method {FLOOR} returns it.")
-    if run.real_method in methods:
+    if run.real_method in compared:
         notes.append(f"{target!r} is real motion of held-out performers doing the same actions.")
     times = int(done.groupby("method")["repetition"].nunique().max())
     if times > 1:
@@ -175,6 +184,13 @@ def choose_stimuli(
         for method in few
     ]
     return stimuli, scores, tuple(notes)
+
+
+def condition_names(run: RunView, task: str) -> dict[str, str]:
+    """Method to the name of its condition: real motion has the name of its style, and everything else its own."""
+    source, _, target = task.partition(":")
+    labels = {FLOOR: source, run.real_method: target}
+    return {method: _condition(method, labels) for method in run.methods(task)}
 
 
 def _trainings(done: pd.DataFrame, repetition: int | str) -> dict[str, list[int]]:

@@ -100,7 +100,7 @@ def analyze(
     for styles in tasks:
         written = _rate(run, ratings, stimuli, styles, target, seed, raters, shown)
         if not quiet:
-            _print_ratings(console, written, ":".join(styles) if len(tasks) > 1 else "")
+            print_ratings(console, written, ":".join(styles) if len(tasks) > 1 else "")
         whose = f" ({written.analysis.kind})" if written.analysis.kind != "people" else ""
         lines.append(f"ratings{whose}: {target / STATS / ratings_stem(run, ':'.join(styles))}.md")
     if run is not None:
@@ -174,7 +174,8 @@ def _rate(
 _SHOWN = ("Raters", "Sensitivity")
 
 
-def _print_ratings(console: Console, written: Written, task: str) -> None:
+def print_ratings(console: Console, written: Written, task: str = "") -> None:
+    """Print what ratings say: a table of conditions, and the sentences that the terminal shows."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
