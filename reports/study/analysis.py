@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmark.registry import FIGURES
 from eval.ratings.reading import read_ratings, read_stimuli
-from reports.ratings import Written, analyse_ratings
+from reports.drawing import SavedDrawing
+from reports.ratings import STATS, Written, analyse_ratings
 from reports.study.export import Exported, export_ratings, export_stimuli
 from reports.study.layout import StudyFolder
 from reports.study.plan import read_plan
-
-#: Name of the registered figure that shows ratings.
-FIGURE = "ratings"
 
 
 @dataclass(frozen=True)
@@ -60,11 +57,20 @@ def analyse_study(
         f"Sessions: {exported.finished} finished, {exported.unfinished} begun and not finished; the answers of both count.",
     )
     written = analyse_ratings(read, target, seed=seed, notes=shown)
-    return StudyResults(written, exported, draw_ratings(target))
+    return StudyResults(written, exported, draw_ratings(target, plan.styles, plan.source))
 
 
-def draw_ratings(folder: Path) -> tuple[Path, ...]:
-    """Draw the registered figure of ratings from ``folder/stats``, where there is such a figure."""
-    if FIGURE not in FIGURES.names():
+def draw_ratings(folder: Path, styles: tuple[str, str], source: str) -> tuple[Path, ...]:
+    """Draw the ratings of ``folder/stats`` as the 2020 paper's figure 8 into ``folder/figures``, and return its files."""
+    from reports.figures.rating_boxes import rating_drawing
+
+    drawing = rating_drawing(folder / STATS, "ratings", styles=styles, what=f"{source}, {styles[0]} to {styles[1]}")
+    if drawing is None:
         return ()
-    return ()
+    target = folder / "figures"
+    target.mkdir(exist_ok=True)
+    saved = SavedDrawing(drawing.name, drawing.caption, target)
+    drawing.figure.savefig(saved.png, dpi=200)
+    drawing.figure.savefig(saved.pdf, metadata={"CreationDate": None})
+    drawing.data.to_csv(saved.csv, index=False)
+    return saved.png, saved.pdf, saved.csv

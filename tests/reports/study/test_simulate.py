@@ -82,6 +82,8 @@ def test_the_analysis_says_that_nobody_was_asked(rehearsed, capsys):
     assert SIMULATED in (stats / "ratings.md").read_text()
     for table in stats.glob("ratings-*.csv"):
         assert set(pd.read_csv(table)["kind"]) == {SIMULATED}, table
+    for name in ("ratings.png", "ratings.pdf", "ratings.csv"):
+        assert (stats.parent / "figures" / name).is_file(), list((stats.parent / "figures").iterdir())
     conditions = pd.read_csv(stats / "ratings-conditions.csv")
     assert conditions["condition"].tolist() == ["adult", "bold", "child"]
     share = conditions.set_index("condition")["child_share"]
