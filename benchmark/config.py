@@ -108,7 +108,10 @@ class RunConfig(_Strict):
     device
         ``auto`` uses a GPU for methods that ask for one.
     backend
-        ``processes``, or ``serial`` for a debugger: in this process, without time limits.
+        ``processes``; ``dask`` for the workers of a cluster; or ``serial`` for a debugger: in this process, without time
+        limits.
+    scheduler
+        Address of a running Dask scheduler; ``None`` for a cluster of ``jobs`` workers on this machine.
     """
 
     dataset: DatasetConfig = DatasetConfig()
@@ -128,7 +131,8 @@ class RunConfig(_Strict):
     jobs: Annotated[int, Field(ge=1)] | None = None
     threads: Annotated[int, Field(ge=1)] = 1
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    backend: Literal["processes", "serial"] = "processes"
+    backend: Literal["processes", "serial", "dask"] = "processes"
+    scheduler: str | None = None
     preset: str | None = None
 
     @field_validator("tasks")
@@ -149,7 +153,10 @@ class RunConfig(_Strict):
 
 
 #: Settings that cannot change a number; all others make a run folder what it is.
-OPERATIONAL = ("out", "overwrite", "force", "time_limit", "jobs", "backend", "preset", "methods", "metrics", "params")
+OPERATIONAL = (
+    *("out", "overwrite", "force", "time_limit", "jobs", "backend", "scheduler"),
+    *("preset", "methods", "metrics", "params"),
+)
 
 
 def presets() -> list[str]:

@@ -68,7 +68,12 @@ asked for, 3 done but some cells failed, 130 interrupted.
 )
 @click.option("--threads", type=int, help="Threads of the numerical libraries in each process [default: 1].")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), help="Where methods that can use a GPU run.")
-@click.option("--backend", type=click.Choice(["processes", "serial"]), help="serial: in this process, for a debugger.")
+@click.option(
+    "--backend",
+    type=click.Choice(["processes", "serial", "dask"]),
+    help="dask: on the workers of a cluster; serial: in this process, for a debugger.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Running Dask scheduler [default: a cluster on this machine].")
 @click.option(
     "--overwrite",
     type=click.Choice(["missing", "always", "never", "only-cached"]),
@@ -256,7 +261,10 @@ def _flags(options: dict[str, Any]) -> dict[str, Any]:
             values[name.strip()] = parse_value(value.strip())
         return values or None
 
-    same = ("repetitions", "seed", "limit", "out", "jobs", "threads", "device", "backend", "overwrite", "time_limit")
+    same = (
+        *("repetitions", "seed", "limit", "out", "jobs", "threads", "device", "backend", "scheduler"),
+        *("overwrite", "time_limit"),
+    )
     return {
         **{name: options[name] for name in same},
         "methods": split_list(options["methods"]),

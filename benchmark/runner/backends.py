@@ -13,11 +13,11 @@ import os
 import signal
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 from benchmark.errors import ConfigError
 from benchmark.runner import worker
@@ -54,10 +54,18 @@ class Observer(Protocol):
 
 
 class Backend(Protocol):
-    """Runs cells and leaves what becomes of them in the run folder."""
+    """Runs cells and leaves what becomes of them in the run folder; a context that holds what it needs for that."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *error: object) -> None: ...
 
     def run(self, jobs: Sequence[Job], observer: Observer) -> None:
         """Run every job."""
+
+
+class StoppedError(Exception):
+    """The run was ended from elsewhere."""
 
 
 #: Memory in bytes that is reckoned with for each cell at work.
@@ -72,17 +80,29 @@ def default_jobs(threads: int) -> int:
     return max(1, min(cores // threads, psutil.virtual_memory().available // MEMORY_PER_JOB))
 
 
-def make_backend(name: str, *, jobs: int, time_limit: float | None) -> Backend:
-    """The backend called ``processes`` or ``serial``."""
+def make_backend(name: str, *, jobs: int, time_limit: float | None, scheduler: str | None = None) -> Backend:
+    """The backend called ``processes``, ``serial`` or ``dask``; only the last knows a ``scheduler``."""
+    if scheduler is not None and name != "dask":
+        raise ConfigError(f"a scheduler ({scheduler}) is for backend 'dask', not {name!r}: add --backend dask")
     if name == "serial":
         if time_limit is not None:
             raise ConfigError("a time limit needs backend 'processes': a method cannot be ended inside this process")
         return Serial()
+    if name == "dask":
+        from benchmark.runner.cluster import Dask
+
+        return Dask(jobs, time_limit, scheduler)
     return Processes(jobs, time_limit)
 
 
 class Serial:
     """One cell after another in this process, for a debugger. A crash ends the run, and peak memory is the run's."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
 
     def run(self, jobs: Sequence[Job], observer: Observer) -> None:
         """Run every job."""
@@ -121,14 +141,24 @@ class Processes:
         How many at a time. Results do not depend on it.
     time_limit
         Seconds for fitting and transferring, and again for scoring; ``None`` for no limit.
+    stop
+        Asked several times a second whether to end everything, with a :class:`StoppedError`.
     """
 
-    def __init__(self, jobs: int = 1, time_limit: float | None = None) -> None:
-        self.jobs, self.time_limit = jobs, time_limit
+    def __init__(
+        self, jobs: int = 1, time_limit: float | None = None, *, stop: Callable[[], bool] = lambda: False
+    ) -> None:
+        self.jobs, self.time_limit, self._stop = jobs, time_limit, stop
         methods = multiprocessing.get_all_start_methods()
         self._context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
         if self._context.get_start_method() == "forkserver":
             self._context.set_forkserver_preload(list(PRELOADED))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
 
     def run(self, jobs: Sequence[Job], observer: Observer) -> None:
         """Run every job; whatever ends this, no process is left behind."""
@@ -136,6 +166,8 @@ class Processes:
         running: list[_Running] = []
         try:
             while waiting or running:
+                if self._stop():
+                    raise StoppedError
                 while len(running) < self.jobs and (job := _next(waiting, running)) is not None:
                     running.append(self._start(job))
                     observer.cell_started(job.cell)

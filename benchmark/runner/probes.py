@@ -58,6 +58,7 @@ class ProbeJob:
     execute: bool = True
     metrics: tuple[MetricJob, ...] = ()
     poisoned: Mapping[str, str] = field(default_factory=dict)
+    dataset_digest: str = ""
 
 
 def probe_store(folder: Path) -> RunStore:
@@ -104,7 +105,14 @@ def probe_jobs(
             places.setdefault(job.cell.task, {})[choice.name] = ProbeRef(unit.key, choice.target)
             state = probe_store(job.folder).status(unit.key).state
             if state not in ("ok", "skipped") or choice.name in force:
-                fits[unit.key] = ProbeJob(unit, job.folder / PROBES, job.dataset, job.split_file, job.threads)
+                fits[unit.key] = ProbeJob(
+                    unit,
+                    job.folder / PROBES,
+                    job.dataset,
+                    job.split_file,
+                    job.threads,
+                    dataset_digest=job.cell.dataset_digest,
+                )
     return list(fits.values()), places
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from benchmark.registry import METHODS, METRICS, PROBES, Registry
 from benchmark.runner import provenance
 from benchmark.runner.backends import Observer, default_jobs, make_backend
 from benchmark.runner.job import CellJob, DatasetSource, MetricJob, pack, scoring_digest
-from benchmark.runner.plan import Cell, make_plan
+from benchmark.runner.plan import Cell, GpuProbe, make_plan
 from benchmark.runner.probes import probe_jobs
 from benchmark.runner.score import forget, missing_metrics
 from benchmark.runner.selection import MetricChoice, choose_methods, choose_metrics, importable
@@ -105,7 +106,7 @@ def prepare(
     metrics: Registry = METRICS,
     probes: Registry = PROBES,
     opener: str | None = None,
-    gpu: Any = provenance.gpu_usable,
+    gpu: Any = None,
 ) -> Prepared:
     """Open the data set, make the splits and the plan. Reads no clip.
 
@@ -118,7 +119,7 @@ def prepare(
     opener
         ``"module:function"`` that opens data sets, for those that the catalogue does not know.
     gpu
-        Says whether there is a GPU.
+        Says whether there is a GPU; ``None`` looks for one where the cells will run.
     """
     named = config.dataset
     source = DatasetSource(named.name, named.root, dict(named.options))
@@ -138,8 +139,16 @@ def prepare(
             raise UnknownNameError("method to force", name, names)
     if config.force and config.overwrite == "only-cached":
         raise ConfigError("force and overwrite 'only-cached' contradict each other: leave one out")
-    cells = tuple(make_plan(config, dataset, splits, chosen, gpu=gpu))
+    cells = tuple(make_plan(config, dataset, splits, chosen, gpu=gpu or _gpu_probe(config)))
     return Prepared(config, source, dataset, splits, cells, tuple(choose_metrics(metrics, config.metrics, probes)))
+
+
+def _gpu_probe(config: RunConfig) -> GpuProbe:
+    if config.backend != "dask":
+        return provenance.gpu_usable
+    from benchmark.runner.cluster import has_gpu
+
+    return partial(has_gpu, config.scheduler)
 
 
 def default_task(dataset: Dataset) -> str:
@@ -265,12 +274,13 @@ def _work(
     observer: Observer,
 ) -> Outcome:
     if jobs:
-        backend = make_backend(config.backend, jobs=_jobs(config), time_limit=config.time_limit)
         named = {choice.probe.name: choice.probe for choice in chosen if choice.probe is not None}
         fits, places = probe_jobs(jobs, named.values())
-        if fits:
+        with make_backend(
+            config.backend, jobs=_jobs(config), time_limit=config.time_limit, scheduler=config.scheduler
+        ) as backend:
             backend.run(fits, observer)
-        backend.run([replace(job, probes=places.get(job.cell.task, {})) for job in jobs], observer)
+            backend.run([replace(job, probes=places.get(job.cell.task, {})) for job in jobs], observer)
     store = RunStore(folder)
     states = {cell.key: _disk_state(store, cell) for cell in cells}
     for key, status in states.items():
@@ -326,8 +336,10 @@ def score(
     source = DatasetSource(named.name, named.root, dict(named.options))
     if opener is not None:
         source = replace(source, opener=opener)
-    if jobs is not None:
-        config = config.model_copy(update={"jobs": jobs})
+    # Where the run computed is not where its metrics are looked at again.
+    config = config.model_copy(
+        update={"jobs": jobs or config.jobs, "backend": _here(config.backend), "scheduler": None}
+    )
     chosen = choose_metrics(metrics, [*config.metrics, *requests], probes)
     again = (
         [choice.name for choice in (choose_metrics(metrics, requests, probes) if requests else chosen)] if force else []
@@ -360,6 +372,10 @@ def score(
         for job in work:
             forget(store.cell(job.cell.key), again)
         return _work(folder, cells, config, work, metric_jobs, chosen, observer)
+
+
+def _here(backend: Any) -> Any:
+    return "processes" if backend == "dask" else backend
 
 
 def _check_same_data(folder: Path, dataset: Dataset, work: Iterable[CellJob]) -> None:

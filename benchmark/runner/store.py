@@ -11,6 +11,7 @@ import json
 import os
 import shutil
 import socket
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -119,6 +120,37 @@ class RunStore:
                 files[path.relative_to(folder).as_posix()] = [stat.st_size, stat.st_mtime_ns, file_digest(path)]
         status = {**(facts or {}), "key": key, "state": state, "reason": reason, "files": files}
         write_json(folder / STATUS, status)
+        self._place(key, folder)
+        if state != "failed":
+            shutil.rmtree(self.work(key), ignore_errors=True)
+        elif self.work(key).is_dir() and not any(self.work(key).iterdir()):
+            self.work(key).rmdir()
+
+    def adopt(self, key: str, folder: Path) -> CellStatus:
+        """Take a cell that another machine or run made: compare every file with its digest, then move it into its place.
+
+        Parameters
+        ----------
+        key
+            Which cell it must be.
+        folder
+            Its files, on this store's disk and in a folder ``cells`` of its own; gone afterwards.
+
+        Raises
+        ------
+        StoreError
+            If the cell is not whole, or is another one.
+        """
+        found = RunStore(folder.parents[1]).status(key, thorough=True)
+        if folder.name != key or found.state not in ("ok", "skipped", "failed"):
+            raise StoreError(f"cell {key[:12]} came damaged: {found.reason or 'it is another one'}")
+        for name, (_, mtime, _) in json.loads((folder / STATUS).read_bytes())["files"].items():
+            os.utime(folder / name, ns=(mtime, mtime))  # unchanged times spare later looks the digests
+        self._place(key, folder)
+        return found
+
+    def _place(self, key: str, folder: Path) -> None:
+        """Move a complete folder into the place of the cell, replacing what was there."""
         place = self.cell(key)
         old = self.cells / f".old-{key}-{os.getpid()}"
         if place.exists():
@@ -126,10 +158,6 @@ class RunStore:
             place.rename(old)
         folder.rename(place)
         shutil.rmtree(old, ignore_errors=True)
-        if state != "failed":
-            shutil.rmtree(self.work(key), ignore_errors=True)
-        elif self.work(key).is_dir() and not any(self.work(key).iterdir()):
-            self.work(key).rmdir()
 
     def commit_failure(self, key: str, reason: str, traceback: str, log: str = "") -> None:
         """Store a failed cell: the reason and the traceback."""
@@ -140,12 +168,49 @@ class RunStore:
             self.commit(key, folder, "failed", reason)
 
     def sweep(self, key: str = "") -> None:
-        """Remove what killed processes left half written, of one cell or of all. Only under the lock."""
+        """Remove what killed processes left half written, of one cell or of all. Only under the lock.
+
+        Of all cells, those are left alone that a process holds: a worker may outlive the run that gave it the cell.
+        """
+        held: set[str] = set()
+        if not key:
+            held = {path.name for path in self.cells.glob(".locks/*") if self._held(path.name)}
         for pattern in (f".tmp-{key}*", f".old-{key}*"):
             for path in self.cells.glob(pattern):
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-        for path in [*self.folder.glob(".*.part"), *self.cells.glob(f"{key or '*'}/.*.part")]:
-            path.unlink(missing_ok=True)
+                if not any(name in path.name for name in held):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+        markers = [] if key else self.folder.glob(".coordinator-*")
+        for path in [*markers, *self.folder.glob(".*.part"), *self.cells.glob(f"{key or '*'}/.*.part")]:
+            if path.parent.name not in held:
+                path.unlink(missing_ok=True)
+
+    @contextlib.contextmanager
+    def holding(self, key: str, *, poll: float = 0.1) -> Iterator[None]:
+        """Hold one cell against other processes, on other machines too, that may make it at the same time; waits for them.
+
+        The file stays: one that is removed while another process waits for it would let two in.
+        """
+        self._lock_file(key).parent.mkdir(parents=True, exist_ok=True)
+        with self._lock_file(key).open("a+", encoding="utf-8") as file:
+            while not _try_lock(file):
+                time.sleep(poll)
+            try:
+                yield
+            finally:
+                _unlock(file)
+
+    def _lock_file(self, key: str) -> Path:
+        return self.cells / ".locks" / key
+
+    def _held(self, key: str) -> bool:
+        """Whether a process holds a cell."""
+        if not self._lock_file(key).is_file():
+            return False
+        with self._lock_file(key).open("a+", encoding="utf-8") as file:
+            free = _try_lock(file)
+            if free:
+                _unlock(file)
+        return not free
 
     def _open_lock(self) -> IO[str]:
         try:

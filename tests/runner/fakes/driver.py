@@ -1,7 +1,8 @@
-"""A run on the fakes as a program of its own, to be killed: ``driver.py OUT``."""
+"""A run on the fakes as a program of its own, to be killed: ``driver.py OUT [SETTINGS]``, settings as JSON."""
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -19,6 +20,7 @@ if __name__ == "__main__":
         "jobs": 2,
         "out": Path(sys.argv[1]),
         "dataset": {"name": "fake"},
+        **(json.loads(sys.argv[2]) if len(sys.argv) > 2 else {}),
     }
     prepared = prepare(load_config(flags=flags), methods=methods, metrics=metrics, opener="fakebench:open_fake")
     print("planned", flush=True)
