@@ -6,9 +6,12 @@ ran before. Generators are passed in; nothing is seeded globally.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from typing import Any
+
 import numpy as np
 
-from benchmark.digest import digest
+from benchmark.digest import VaryingDigest, digest
 from benchmark.errors import ConfigError, UnknownNameError
 
 #: The axes there are. ``seed`` is the run's own seed; ``stage`` tells apart the uses of one cell's randomness.
@@ -27,12 +30,33 @@ def seed_for(**axes: str | int) -> int:
     """
     if not axes:
         raise ConfigError(f"a seed needs at least one axis ({', '.join(AXES)})")
+    _check(axes)
+    return _seed(digest(axes))
+
+
+class Seeds:
+    """:func:`seed_for` for many seeds that have all but the axes ``varying`` in common."""
+
+    def __init__(self, varying: Iterable[str], **fixed: str | int) -> None:
+        _check(fixed)
+        self._digest = VaryingDigest(fixed, varying)
+
+    def __call__(self, **axes: str | int) -> int:
+        """The seed for the values of the varying axes."""
+        _check(axes)
+        return _seed(self._digest(**axes))
+
+
+def _check(axes: Mapping[str, Any]) -> None:
     for name, value in axes.items():
         if name not in AXES:
             raise UnknownNameError("seed axis", name, AXES)
         if isinstance(value, bool) or not isinstance(value, str | int):
             raise ConfigError(f"seed axis {name!r} must be a string or an integer, not {value!r}")
-    return int(digest(axes)[:16], 16) >> 1
+
+
+def _seed(text: str) -> int:
+    return int(text[:16], 16) >> 1
 
 
 def generator(**axes: str | int) -> np.random.Generator:

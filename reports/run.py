@@ -18,6 +18,12 @@ from benchmark.runner.views import LEADERBOARD, REAL, RESULTS, read_leaderboard
 if TYPE_CHECKING:
     import pandas as pd
 
+#: Columns of texts that hardly vary from row to row.
+FEW = (
+    *("run", "method_version", "params_digest", "dataset_digest", "split_digest"),
+    *("metric_version", "probe_digest"),
+)
+
 #: The row to start a strip with, where the run has it: the source on the target's body.
 FLOOR = "identity"
 
@@ -82,17 +88,19 @@ class RunView:
 
     @cached_property
     def results(self) -> pd.DataFrame:
-        """``results.parquet``, with a column ``task``."""
-        import pandas as pd
+        """``results.parquet``, with a column ``task``; digests and versions, of which there are few, as categories."""
+        import pyarrow.parquet as parquet
 
-        table = pd.read_parquet(self.folder / RESULTS)
+        # One thread: with more, each takes memory of its own for the texts, which costs more than it gains.
+        stored = parquet.read_table(self.folder / RESULTS, read_dictionary=list(FEW), use_threads=False)
+        table: pd.DataFrame = stored.to_pandas(split_blocks=True, self_destruct=True)
         table["task"] = table["source_style"] + ":" + table["target_style"]
         return table
 
     @cached_property
     def tasks(self) -> list[str]:
         """The tasks, as ``source:target``, in the order of the plan."""
-        return self.results["task"].unique().tolist()
+        return [str(task) for task in self.results["task"].unique()]
 
     @cached_property
     def empty_cells(self) -> frozenset[str]:
@@ -125,7 +133,7 @@ class RunView:
     def variants(self, task: str) -> list[str]:
         """The variants of results that were scored, ``raw`` first."""
         rows = self.results
-        found = set(rows.loc[(rows["task"] == task) & (rows["status"] == "ok"), "variant"]) | {"raw"}
+        found = set(rows.loc[(rows["task"] == task) & (rows["status"] == "ok"), "variant"].unique()) | {"raw"}
         return sorted(found, key=lambda name: (name != "raw", name))
 
     def label(self, method: str) -> str:

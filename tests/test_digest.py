@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmark.digest import canonical_json, code_digest, digest, import_closure, source_digest
+from benchmark.digest import VaryingDigest, canonical_json, code_digest, digest, import_closure, source_digest
 from benchmark.errors import ConfigError, RegistryError
 
 JSON = st.recursive(
@@ -123,3 +123,11 @@ def test_code_digest_sees_declared_modules(package):
 def test_a_registered_method_is_left_alone_by_the_list_of_methods():
     assert "methods" not in import_closure("methods.identity")
     assert "methods.identity" in import_closure("methods.identity")
+
+
+@given(
+    st.dictionaries(st.text(max_size=4), st.integers() | st.text(max_size=4) | st.booleans()), st.integers(), st.text()
+)
+def test_a_varying_digest_is_the_digest_of_the_whole(fixed, number, text):
+    whole = {**fixed, "b": number, 'ä"': text}
+    assert VaryingDigest(fixed, ("b", 'ä"'))(**{"b": number, 'ä"': text}) == digest(whole)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import ConfigError, UnknownNameError
-from benchmark.seeding import AXES, generator, seed_for
+from benchmark.seeding import AXES, Seeds, generator, seed_for
 
 
 def test_a_seed_depends_on_every_axis_and_not_on_their_order():
@@ -52,3 +52,15 @@ def test_generators_repeat_and_leave_global_state_alone():
 
 def test_axes_are_named_once():
     assert len(set(AXES)) == len(AXES)
+
+
+def test_many_seeds_are_those_asked_for_one_by_one():
+    many = Seeds(("repetition",), seed=7, dataset="a", task="é:ü", method="m")
+    for repetition in (0, 1, 99):
+        assert many(repetition=repetition) == seed_for(
+            seed=7, dataset="a", task="é:ü", method="m", repetition=repetition
+        )
+    with pytest.raises(UnknownNameError, match="colour"):
+        Seeds(("repetition",), colour=3)
+    with pytest.raises(ConfigError, match="must be a string or an integer"):
+        many(repetition=1.5)

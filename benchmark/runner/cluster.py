@@ -188,15 +188,12 @@ class _Shift:
 
     def _hand_out(self) -> None:
         self._look_at_cluster()
-        gpu = sum(_wants_gpu(job) for _, job in self.out.values())
-        for job in list(self.waiting):
-            if len(self.out) >= AHEAD * self._room + 2:
+        while len(self.out) < AHEAD * self._room + 2:
+            # Nobody declares the GPU of this machine: cells take turns, as they would have to share its memory.
+            busy = self.dask.scheduler is None and any(_wants_gpu(job) for _, job in self.out.values())
+            job = next((job for job in self.waiting if not (busy and _wants_gpu(job))), None)
+            if job is None:
                 return
-            if _wants_gpu(job) and self.dask.scheduler is None:
-                # Nobody declares the GPU of this machine: cells take turns, as they would have to share its memory.
-                if gpu:
-                    continue
-                gpu += 1
             self.waiting.remove(job)
             self._submit(job)
 

@@ -5,18 +5,19 @@ Planning reads no clip and runs nothing, so it can be printed and tested.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, Protocol
 
 from benchmark.api import CONTRACT_VERSION, Capabilities, Supervision
 from benchmark.config import RunConfig
 from benchmark.data.base import Dataset
 from benchmark.data.splits import Split
-from benchmark.digest import digest, source_digest
+from benchmark.digest import VaryingDigest, digest, source_digest
 from benchmark.errors import ConfigError
 from benchmark.runner.selection import MethodChoice
-from benchmark.seeding import seed_for
+from benchmark.seeding import Seeds
 
 #: Code outside methods and data sets that can change an output.
 PIPELINE = (
@@ -86,7 +87,7 @@ class Cell:
 
     def to_json(self) -> dict[str, Any]:
         """The cell as JSON-ready data."""
-        return asdict(self)
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class GpuProbe(Protocol):
@@ -133,67 +134,110 @@ def make_plan(
                 device = "cuda" if has_gpu else "cpu"
             if fate == "run" and capabilities.device == "gpu_required" and device == "cpu":
                 fate, reason = "skipped", "needs a GPU"
-            random = capabilities.stochastic_fit or capabilities.stochastic_transfer
-            for repetition in range(config.repetitions if random else 1):
-                cell = _cell(config, dataset, split, task, choice, repetition, device, fate, reason, pipeline)
+            for cell in _repetitions(config, dataset, split, task, choice, device, fate, reason, pipeline):
                 if cell.key not in seen:
                     seen.add(cell.key)
                     yield cell
 
 
-def _cell(
+def _repetitions(
     config: RunConfig,
     dataset: Dataset,
     split: Split,
     task: str,
     choice: MethodChoice,
-    repetition: int,
     device: str,
     fate: Fate,
     reason: str,
     pipeline: str,
-) -> Cell:
-    seed = seed_for(seed=config.seed, dataset=dataset.id, task=task, method=choice.name, repetition=repetition)
-    params_digest = digest(choice.params)
-    ingredients = {
+) -> Iterator[Cell]:
+    """The cells of one method and task: what they have in common is digested once, as there may be very many."""
+    params, params_digest = dict(choice.params), digest(choice.params)
+    shared = {
         "contract": CONTRACT_VERSION,
         "pipeline": pipeline,
         "method": choice.name,
         "method_version": choice.version,
         "method_source": choice.source,
-        "params": dict(choice.params),
+        "params": params,
         "dataset": dataset.id,
         "dataset_digest": dataset.digest,
         "split_digest": split.digest,
         "task": task,
-        "repetition": repetition,
-        "seed": seed,
         "reference_seed": config.seed if choice.capabilities.uses_reference else None,
         "device": device,
         "threads": config.threads,
         "limit": config.limit,
         "variants": list(config.variants),
     }
-    return Cell(
-        digest(ingredients),
-        choice.label,
-        choice.name,
-        choice.target,
-        dict(choice.params),
-        params_digest,
-        choice.version,
-        dataset.id,
-        dataset.digest,
-        split_name(split),
-        split.digest,
-        task,
-        repetition,
-        seed,
-        device,
-        fate,
-        reason,
-        ingredients,
-    )
+    key = VaryingDigest(shared, ("repetition", "seed"))
+    axes: dict[str, str | int] = {"seed": config.seed, "dataset": dataset.id, "task": task, "method": choice.name}
+    seeds = Seeds(("repetition",), **axes)
+    random = choice.capabilities.stochastic_fit or choice.capabilities.stochastic_transfer
+    for repetition in range(config.repetitions if random else 1):
+        seed = seeds(repetition=repetition)
+        yield Cell(
+            key(repetition=repetition, seed=seed),
+            choice.label,
+            choice.name,
+            choice.target,
+            params,
+            params_digest,
+            choice.version,
+            dataset.id,
+            dataset.digest,
+            split_name(split),
+            split.digest,
+            task,
+            repetition,
+            seed,
+            device,
+            fate,
+            reason,
+            {**shared, "repetition": repetition, "seed": seed},
+        )
+
+
+def plan_text(cells: Iterable[Cell]) -> str:
+    """The plan as JSON, one line for each cell: what many have in common is written once, under ``shared``.
+
+    A line holds the number of its entry in ``shared``, the key, the repetition and the seed.
+    """
+    numbers: dict[tuple, int] = {}
+    shared: list[str] = []
+    lines: list[str] = []
+    for cell in cells:
+        rest = (
+            *(cell.method, cell.target, cell.params_digest, cell.method_version, cell.dataset_digest),
+            *(cell.split_digest, cell.task, cell.device, cell.fate, cell.reason),
+        )
+        number = numbers.setdefault(rest, len(shared))
+        if number == len(shared):
+            common = {name: value for name, value in cell.to_json().items() if name not in _OWN}
+            common["ingredients"] = {k: v for k, v in cell.ingredients.items() if k not in _OWN}
+            shared.append(json.dumps(common, sort_keys=True, ensure_ascii=False))
+        lines.append(f'[{number},"{cell.key}",{cell.repetition},{cell.seed}]')
+    return '{{"shared": [\n{}\n],\n"cells": [\n{}\n]}}\n'.format(",\n".join(shared), ",\n".join(lines))
+
+
+#: What tells apart the cells of one method and task.
+_OWN = ("key", "repetition", "seed")
+
+
+def read_plan(document: Any) -> tuple[Cell, ...]:
+    """The cells of a :func:`plan_text`, parsed.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError, IndexError
+        If it is something else.
+    """
+    cells = []
+    for number, key, repetition, seed in document["cells"]:
+        common = document["shared"][number]
+        own = {"repetition": repetition, "seed": seed}
+        cells.append(Cell(key=key, **{**common, **own, "ingredients": {**common["ingredients"], **own}}))
+    return tuple(cells)
 
 
 def split_name(split: Split) -> str:

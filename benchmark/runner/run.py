@@ -18,7 +18,7 @@ from benchmark.registry import METHODS, METRICS, PROBES, Registry
 from benchmark.runner import provenance
 from benchmark.runner.backends import Observer, default_jobs, make_backend
 from benchmark.runner.job import CellJob, DatasetSource, MetricJob, pack, scoring_digest
-from benchmark.runner.plan import Cell, GpuProbe, make_plan
+from benchmark.runner.plan import Cell, GpuProbe, make_plan, plan_text, read_plan
 from benchmark.runner.probes import probe_jobs
 from benchmark.runner.score import forget, missing_metrics
 from benchmark.runner.selection import MetricChoice, choose_methods, choose_metrics, importable
@@ -238,9 +238,10 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
                 split.to_json(paths[task])
         metric_jobs = make_metric_jobs(prepared.metrics, metrics)
         write_text(folder / CONFIG, to_toml(config))
-        write_json(folder / PLAN, {"cells": [cell.to_json() for cell in prepared.cells]})
+        write_text(folder / PLAN, plan_text(prepared.cells))
         states = cell_states(prepared)
         jobs = []
+        classes = {name: _packed(methods, name) for name in dict.fromkeys(cell.name for cell in prepared.cells)}
         for cell in prepared.cells:
             execute = to_execute(config, cell, states[cell.key])
             if execute or (states[cell.key].state == "ok" and config.overwrite != "only-cached"):
@@ -255,7 +256,7 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
                     config.threads,
                     execute,
                     metric_jobs,
-                    method_value=_packed(methods, cell.name) if execute else None,
+                    method_value=classes[cell.name] if execute else None,
                 )
                 if execute or missing_metrics(store.cell(cell.key), metric_jobs):
                     jobs.append(job)
@@ -393,8 +394,8 @@ def read_run(folder: Path) -> tuple[RunConfig, tuple[Cell, ...]]:
         raise StoreError(f"{folder} is not a run folder: it has no {CONFIG}")
     config = _settings(folder).model_copy(update={"out": folder})
     try:
-        cells = tuple(Cell(**cell) for cell in read_json(folder / PLAN)["cells"])
-    except (KeyError, TypeError) as error:
+        cells = read_plan(read_json(folder / PLAN))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
         raise StoreError(f"{folder / PLAN} is not a plan of this version ({error}): run again") from error
     return config, cells
 

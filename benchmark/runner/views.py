@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -120,12 +121,13 @@ def build_views(
     directions: Mapping[str, tuple[str, float | None]],
 ) -> None:
     """Write both views, each atomically."""
-    rows = [row for cell in cells for row in cell_rows(folder, cell, metrics, states)]
-    write_rows(folder / RESULTS, rows, RESULT_COLUMNS)
+    tally = Tally()
+    rows = (row for cell in cells for row in cell_rows(folder, cell, metrics, states))
+    write_rows(folder / RESULTS, tally.counting(rows), RESULT_COLUMNS)
     text = io.StringIO()
     writer = csv.DictWriter(text, LEADERBOARD_COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(leaderboard(rows, directions))
+    writer.writerows(tally.leaderboard(directions))
     write_text(folder / LEADERBOARD, text.getvalue())
     write_json(folder / MARK, _mark(folder, views_digest(folder, cells, metrics, states)))
 
@@ -216,53 +218,90 @@ def _empty(metric: str, unit: str, version: str = "1") -> Row:
     }
 
 
-def leaderboard(rows: Sequence[Row], directions: Mapping[str, tuple[str, float | None]]) -> list[Row]:
-    """Mean over clips and repetitions of every (task, method, variant, metric), with the value of real motion beside it.
+@dataclass
+class _Group:
+    """What the leaderboard needs of the rows of one task, method, variant and metric."""
 
-    Parameters
-    ----------
-    rows
-        Rows of ``results.parquet``, in its order, which the result keeps.
-    directions
-        Direction and target of each metric.
+    dataset: str
+    unit: str
+    values: list[float] = field(default_factory=list)
+    states: Counter[str] = field(default_factory=Counter)
+    repetitions: set[int] = field(default_factory=set)
+    reasons: set[str] = field(default_factory=set)
 
-    Returns
-    -------
-    list of dict
-        With the columns :data:`LEADERBOARD_COLUMNS`; ``mean`` is empty where no row is ``ok``, and ``reason`` then says why.
-    """
-    groups: dict[tuple[str, str, str, str], list[Row]] = defaultdict(list)
-    for row in rows:
-        task = f"{row['source_style']}:{row['target_style']}"
-        groups[task, row["method"], row["variant"], row["metric"]].append(row)
-    table: list[Row] = []
-    for (task, method, variant, metric), group in groups.items():
-        values = [row["value"] for row in group if row["status"] == "ok"]
-        real = [row["value"] for row in groups.get((task, REAL, "raw", metric), ()) if row["status"] == "ok"]
-        direction, target = directions.get(metric, ("lower" if metric in COSTS else "none", None))
-        reasons = sorted({row["reason"] for row in group if row["status"] != "ok"})
-        table.append(
-            {
-                "dataset": group[0]["dataset"],
-                "task": task,
-                "method": method,
-                "variant": variant,
-                "metric": metric,
-                "unit": group[0]["unit"],
-                "direction": direction,
-                "target": target,
-                "mean": _mean(values),
-                "sd": _sd(values),
-                "n": len(values),
-                "skipped": sum(row["status"] == "skipped" for row in group),
-                "failed": sum(row["status"] == "failed" for row in group),
-                "repetitions": len({row["repetition"] for row in group}),
-                "real_mean": _mean(real),
-                "real_n": len(real),
-                "reason": "; ".join(reasons) if not values else "",
-            }
-        )
-    return table
+
+class Tally:
+    """Counts rows of ``results.parquet`` as they go by, for the leaderboard: a run may have more than memory holds."""
+
+    def __init__(self) -> None:
+        self._groups: dict[tuple[str, str, str, str], _Group] = {}
+
+    def counting(self, rows: Iterable[Row]) -> Iterator[Row]:
+        """The same rows."""
+        for row in rows:
+            task = f"{row['source_style']}:{row['target_style']}"
+            key = task, row["method"], row["variant"], row["metric"]
+            group = self._groups.get(key)
+            if group is None:
+                group = self._groups[key] = _Group(row["dataset"], row["unit"])
+            group.states[row["status"]] += 1
+            group.repetitions.add(row["repetition"])
+            if row["status"] == "ok":
+                group.values.append(row["value"])
+            else:
+                group.reasons.add(row["reason"])
+            yield row
+
+    def leaderboard(self, directions: Mapping[str, tuple[str, float | None]]) -> list[Row]:
+        """Mean over clips and repetitions of every (task, method, variant, metric), with the value of real motion beside it.
+
+        Parameters
+        ----------
+        directions
+            Direction and target of each metric.
+
+        Returns
+        -------
+        list of dict
+            In the order of the rows, with the columns :data:`LEADERBOARD_COLUMNS`; ``mean`` is empty where no row is ``ok``,
+            and ``reason`` then says why.
+        """
+        table: list[Row] = []
+        for (task, method, variant, metric), group in self._groups.items():
+            values = group.values
+            reference = self._groups.get((task, REAL, "raw", metric))
+            real = reference.values if reference is not None else []
+            direction, target = directions.get(metric, ("lower" if metric in COSTS else "none", None))
+            table.append(
+                {
+                    "dataset": group.dataset,
+                    "task": task,
+                    "method": method,
+                    "variant": variant,
+                    "metric": metric,
+                    "unit": group.unit,
+                    "direction": direction,
+                    "target": target,
+                    "mean": _mean(values),
+                    "sd": _sd(values),
+                    "n": len(values),
+                    "skipped": group.states["skipped"],
+                    "failed": group.states["failed"],
+                    "repetitions": len(group.repetitions),
+                    "real_mean": _mean(real),
+                    "real_n": len(real),
+                    "reason": "; ".join(sorted(group.reasons)) if not values else "",
+                }
+            )
+        return table
+
+
+def leaderboard(rows: Iterable[Row], directions: Mapping[str, tuple[str, float | None]]) -> list[Row]:
+    """:meth:`Tally.leaderboard` of ``rows``."""
+    tally = Tally()
+    for _ in tally.counting(rows):
+        pass
+    return tally.leaderboard(directions)
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
@@ -257,3 +258,33 @@ def test_forced_names_must_be_planned(make):
 def test_equal_cells_are_planned_once(make):
     cells = make("copy", "copy[amount=1.0]").cells
     assert [cell.method for cell in cells] == ["copy", "child-reference"]
+
+
+def test_a_plan_is_read_back_as_it_was_written(make):
+    cells = make("all", repetitions=3, tasks=["adult:child", "child:adult"]).cells
+    text = plan_module.plan_text(cells)
+    assert plan_module.read_plan(json.loads(text)) == cells
+    # One short line for each cell, however much its key is made of.
+    assert sum(cell.key in line and len(line) < 120 for line in text.splitlines() for cell in cells) == len(cells)
+
+
+def test_planning_many_cells_goes_through_each_method_once(make, monkeypatch):
+    """What grows with the repetitions is the keys and nothing else: neither code is digested anew nor a setting written."""
+    calls: list[str] = []
+
+    def counted(name, function):
+        def call(*args, **kwargs):
+            calls.append(name)
+            return function(*args, **kwargs)
+
+        return call
+
+    for name in ("source_digest", "digest", "capability_fate"):
+        monkeypatch.setattr(plan_module, name, counted(name, getattr(plan_module, name)))
+    few = make("noisy", repetitions=2)
+    first = len(calls)
+    many = make("noisy", repetitions=2000)
+    assert len(calls) == 2 * first
+    assert len(many.cells) == len(few.cells) + 1998
+    # Cells of one method share what they have in common, so that very many fit in memory.
+    assert len({id(cell.params) for cell in many.cells}) == 2
