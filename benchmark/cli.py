@@ -26,6 +26,8 @@ VERBS: dict[str, tuple[str, str]] = {
     "study": ("benchmark.commands.study:study", "Ask people: build, serve, rehearse and analyse a perceptual study."),
     "transfer": ("benchmark.commands.transfer:transfer", "Apply a trained method of a run to your own clip."),
     "compare": ("benchmark.commands.compare:compare", "Two runs side by side, with what differs in their settings."),
+    "merge": ("benchmark.commands.merge:merge", "Take the cells of other run folders: parts of one run."),
+    "slurm-script": ("benchmark.commands.slurm:slurm_script", "A run as an array job of a SLURM cluster."),
     "metrics-check": (
         "benchmark.commands.metrics_check:metrics_check",
         "Spoil true performances in grades: which metric sees which fault.",

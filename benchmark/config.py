@@ -112,6 +112,8 @@ class RunConfig(_Strict):
         limits.
     scheduler
         Address of a running Dask scheduler; ``None`` for a cluster of ``jobs`` workers on this machine.
+    shard
+        ``k/n``: only the cells of the ``k``-th of ``n`` parts; ``None`` for all.
     """
 
     dataset: DatasetConfig = DatasetConfig()
@@ -133,7 +135,15 @@ class RunConfig(_Strict):
     device: Literal["auto", "cpu", "cuda"] = "auto"
     backend: Literal["processes", "serial", "dask"] = "processes"
     scheduler: str | None = None
+    shard: Annotated[str, Field(pattern=r"^[1-9][0-9]*/[1-9][0-9]*$")] | None = None
     preset: str | None = None
+
+    @field_validator("shard")
+    @classmethod
+    def _check_shard(cls, shard: str | None) -> str | None:
+        if shard is not None and int(shard.partition("/")[0]) > int(shard.partition("/")[2]):
+            raise ValueError("a shard is written k/n with k from 1 to n, for example 2/8")
+        return shard
 
     @field_validator("tasks")
     @classmethod
@@ -154,7 +164,7 @@ class RunConfig(_Strict):
 
 #: Settings that cannot change a number; all others make a run folder what it is.
 OPERATIONAL = (
-    *("out", "overwrite", "force", "time_limit", "jobs", "backend", "scheduler"),
+    *("out", "overwrite", "force", "time_limit", "jobs", "backend", "scheduler", "shard"),
     *("preset", "methods", "metrics", "params"),
 )
 

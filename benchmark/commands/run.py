@@ -73,6 +73,9 @@ asked for, 3 done but some cells failed, 130 interrupted.
     type=click.Choice(["processes", "serial", "dask"]),
     help="dask: on the workers of a cluster; serial: in this process, for a debugger.",
 )
+@click.option(
+    "--shard", metavar="K/N", help="Only one of N parts of the cells, for N processes or machines on one run folder."
+)
 @click.option("--scheduler", metavar="ADDRESS", help="Running Dask scheduler [default: a cluster on this machine].")
 @click.option(
     "--overwrite",
@@ -114,6 +117,9 @@ def run(context: click.Context, **options: Any) -> None:
         console.print(plan_table(prepared))
         return
     outcome = _run(context, prepared, console, quiet=options["quiet"])
+    if prepared.config.shard is not None:
+        _show_shard(outcome, prepared.config.shard, console, time.perf_counter() - start)
+        context.exit(3 if outcome.failures else 0)
     # The report shows the statistics.
     statistics = [] if options["no_report"] else _statistics(outcome, console)
     report = None if options["no_report"] else _report(outcome, console)
@@ -125,13 +131,15 @@ def run(context: click.Context, **options: Any) -> None:
 def _run(context: click.Context, prepared: Prepared, console: Console, *, quiet: bool) -> Outcome:
     from benchmark.runner.progress import make_display
     from benchmark.runner.run import run as run_all
+    from benchmark.runner.run import shard_cells
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
     previous = signal.signal(signal.SIGTERM, stop)
     try:
-        with make_display(console, len(prepared.cells), quiet=quiet) as display:
+        cells = shard_cells(prepared.cells, prepared.config.shard)
+        with make_display(console, len(cells), quiet=quiet) as display:
             return run_all(prepared, display)
     except KeyboardInterrupt:
         command = shlex.join(["python", "-m", "benchmark", *sys.argv[1:]])
@@ -139,6 +147,21 @@ def _run(context: click.Context, prepared: Prepared, console: Console, *, quiet:
         context.exit(130)
     finally:
         signal.signal(signal.SIGTERM, previous)
+
+
+def _show_shard(outcome: Outcome, shard: str, console: Console, seconds: float) -> None:
+    """Print how a part of a run ended, and how the whole is put together."""
+    for what, cells in (("skipped", outcome.skips), ("failed", outcome.failures)):
+        for cell, reason in cells:
+            console.print(f"{what}: {cell.title}: {reason}", markup=False, soft_wrap=True)
+    console.print(
+        f"shard {shard}: {len(outcome.cells)} cells: {outcome.executed} run, {outcome.scored} scored again, {outcome.cached} "
+        f"from the cache, {len(outcome.skips)} skipped, {len(outcome.failures)} failed; {seconds:.1f} s",
+        soft_wrap=True,
+    )
+    console.print(
+        "when every shard is done, the same command without --shard writes the tables and the report", soft_wrap=True
+    )
 
 
 def _report(outcome: Outcome, console: Console) -> Path | None:
@@ -263,7 +286,7 @@ def _flags(options: dict[str, Any]) -> dict[str, Any]:
 
     same = (
         *("repetitions", "seed", "limit", "out", "jobs", "threads", "device", "backend", "scheduler"),
-        *("overwrite", "time_limit"),
+        *("shard", "overwrite", "time_limit"),
     )
     return {
         **{name: options[name] for name in same},

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,7 @@ from benchmark.runner import provenance
 from benchmark.runner.backends import Observer, default_jobs, make_backend
 from benchmark.runner.job import CellJob, DatasetSource, MetricJob, pack, scoring_digest
 from benchmark.runner.plan import Cell, GpuProbe, make_plan, plan_text, read_plan
-from benchmark.runner.probes import probe_jobs
+from benchmark.runner.probes import ProbeJob, probe_jobs, probe_store
 from benchmark.runner.score import forget, missing_metrics
 from benchmark.runner.selection import MetricChoice, choose_methods, choose_metrics, importable
 from benchmark.runner.store import CellStatus, RunStore, read_json, write_json, write_text
@@ -225,24 +226,31 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
     ------
     StoreError
         If the run folder is in use or belongs to other settings.
+
+    With a ``shard`` in the settings the tables are left alone: a run without one makes them when all shards are done.
     """
     config, folder = prepared.config, prepared.folder
     _check_folder(folder, config)
     store = RunStore(folder)
-    with store.lock():
-        store.sweep()
+    cells = shard_cells(prepared.cells, config.shard)
+    with store.lock() if config.shard is None else store.lock_shard(config.shard):
+        if config.shard is None:
+            store.sweep()
+        else:  # beside other shards
+            for cell in cells:
+                store.sweep(cell.key)
         paths = {}
         for task, split in zip(config.tasks, prepared.splits, strict=True):
             paths[task] = split_path(folder, config.tasks, task)
             if not (paths[task].is_file() and _same_split(paths[task], split)):
                 split.to_json(paths[task])
         metric_jobs = make_metric_jobs(prepared.metrics, metrics)
-        write_text(folder / CONFIG, to_toml(config))
+        write_text(folder / CONFIG, to_toml(config.model_copy(update={"shard": None})))
         write_text(folder / PLAN, plan_text(prepared.cells))
         states = cell_states(prepared)
         jobs = []
         classes = {name: _packed(methods, name) for name in dict.fromkeys(cell.name for cell in prepared.cells)}
-        for cell in prepared.cells:
+        for cell in cells:
             execute = to_execute(config, cell, states[cell.key])
             if execute or (states[cell.key].state == "ok" and config.overwrite != "only-cached"):
                 job = CellJob(
@@ -260,9 +268,10 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
                 )
                 if execute or missing_metrics(store.cell(cell.key), metric_jobs):
                     jobs.append(job)
-        if jobs or not (folder / ENVIRONMENT).is_file():
-            write_json(folder / ENVIRONMENT, provenance.environment(threads=config.threads, jobs=_jobs(config)))
-        return _work(folder, prepared.cells, config, jobs, metric_jobs, prepared.metrics, observer)
+        environment = folder / environment_name(config.shard)
+        if jobs or not environment.is_file():
+            write_json(environment, provenance.environment(threads=config.threads, jobs=_jobs(config)))
+        return _work(folder, cells, config, jobs, metric_jobs, prepared.metrics, observer)
 
 
 def _work(
@@ -280,19 +289,54 @@ def _work(
         with make_backend(
             config.backend, jobs=_jobs(config), time_limit=config.time_limit, scheduler=config.scheduler
         ) as backend:
-            backend.run(fits, observer)
+            with _sharing(folder, fits, config) as left:
+                backend.run(left, observer)
             backend.run([replace(job, probes=places.get(job.cell.task, {})) for job in jobs], observer)
     store = RunStore(folder)
     states = {cell.key: _disk_state(store, cell) for cell in cells}
     for key, status in states.items():
         if status.state in ("missing", "damaged"):
             states[key] = CellStatus("skipped", f"not in the cache: {status.reason}")
+    executed = sum(job.execute for job in jobs)
+    planned = sum(cell.fate == "run" for cell in cells)
+    if config.shard is not None:
+        return Outcome(folder, cells, states, executed, len(jobs) - executed, planned - len(jobs), False)
     current = views_are_current(folder, views_digest(folder, cells, metrics, states))
     if not current:
         build_views(folder, cells, metrics, states, directions(chosen))
-    executed = sum(job.execute for job in jobs)
-    planned = sum(cell.fate == "run" for cell in cells)
     return Outcome(folder, cells, states, executed, len(jobs) - executed, planned - len(jobs), not current)
+
+
+def shard_cells(cells: tuple[Cell, ...], shard: str | None) -> tuple[Cell, ...]:
+    """The cells of one part ``k/n`` in the order of the plan; all of them for ``None``.
+
+    Parts are made of the keys in their order, so that they depend on the plan alone, differ by at most one cell, and mix the
+    methods.
+    """
+    if shard is None:
+        return cells
+    part, _, parts = shard.partition("/")
+    keys = sorted(cell.key for cell in cells)
+    own = set(keys[int(part) - 1 :: int(parts)])
+    return tuple(cell for cell in cells if cell.key in own)
+
+
+def environment_name(shard: str | None) -> str:
+    """The file with the facts of the machine; a shard writes its own."""
+    return ENVIRONMENT if shard is None else f"environment-shard-{shard.replace('/', '-of-')}.json"
+
+
+@contextlib.contextmanager
+def _sharing(folder: Path, fits: Sequence[ProbeJob], config: RunConfig) -> Iterator[Sequence[ProbeJob]]:
+    """The probes that are left to fit: shards beside this one need the same, and each is fitted by one of them."""
+    if config.shard is None or config.backend == "dask":  # workers of a cluster see to it themselves
+        yield fits
+        return
+    store = probe_store(folder)
+    with contextlib.ExitStack() as held:
+        for fit in sorted(fits, key=lambda fit: fit.cell.key):
+            held.enter_context(store.holding(fit.cell.key))
+        yield [fit for fit in fits if store.status(fit.cell.key).state not in ("ok", "skipped")]
 
 
 def _jobs(config: RunConfig) -> int:
@@ -434,10 +478,11 @@ def _check_folder(folder: Path, config: RunConfig) -> None:
     if not folder.is_dir():
         raise StoreError(f"{folder} is a file: choose another folder with --out")
     if not (folder / CONFIG).is_file():
-        own = {".lock", "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
+        own = {".lock", ".shards", "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
         if RunStore(folder).cells.is_dir():  # a run whose settings were lost
             own |= {PLAN, ENVIRONMENT, RESULTS, LEADERBOARD, MARK, "probes", "report", "figures", "tables", "stats"}
-        others = sorted(path.name for path in folder.iterdir() if path.name not in own)
+        found = {path.name for path in folder.iterdir() if not path.name.endswith(".part")}
+        others = sorted(found - own)
         if others:
             raise StoreError(
                 f"{folder} holds other things ({others[0]} …) and is no run folder: choose another with --out"

@@ -204,13 +204,7 @@ class RunStore:
 
     def _held(self, key: str) -> bool:
         """Whether a process holds a cell."""
-        if not self._lock_file(key).is_file():
-            return False
-        with self._lock_file(key).open("a+", encoding="utf-8") as file:
-            free = _try_lock(file)
-            if free:
-                _unlock(file)
-        return not free
+        return self._lock_file(key).is_file() and _is_held(self._lock_file(key))
 
     def _open_lock(self) -> IO[str]:
         try:
@@ -222,6 +216,41 @@ class RunStore:
             ) from error
 
     @contextlib.contextmanager
+    def lock_shard(self, shard: str) -> Iterator[None]:
+        """Hold one part ``k/n`` of the run: other parts may be at work beside it, a whole run may not.
+
+        Raises
+        ------
+        StoreError
+            If the same part, a whole run, or a part of another division is at work.
+        """
+        own, _, parts = shard.partition("/")
+        with self._open_lock() as whole:
+            if not _try_lock(whole, shared=True):
+                raise StoreError(
+                    f"{self.folder} is in use by {_holder(whole)}: wait for it, or choose another folder with --out"
+                )
+            locks = self.folder / ".shards"
+            locks.mkdir(exist_ok=True)
+            with (locks / f"{own}-of-{parts}").open("a+", encoding="utf-8") as file:
+                if not _try_lock(file):
+                    raise StoreError(
+                        f"shard {shard} of {self.folder} is in use by {_holder(file)}: give each part to one process"
+                    )
+                _sign(file)
+                try:
+                    for path in locks.iterdir():
+                        if not path.name.endswith(f"-of-{parts}") and _is_held(path):
+                            raise StoreError(
+                                f"{self.folder} is at work in other parts ({path.name}): divide it by the same number everywhere"
+                            )
+                    yield
+                finally:
+                    file.truncate(0)
+                    file.flush()
+                    _unlock(file)
+
+    @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
         """Hold the run folder; a second run in it, or a folder that cannot be written to, is a :class:`StoreError`.
 
@@ -229,14 +258,12 @@ class RunStore:
         """
         with self._open_lock() as file:
             if not _try_lock(file):
-                file.seek(0)
-                holder = file.read().strip() or "another process"
+                shards = [path.name for path in self.folder.glob(".shards/*") if _is_held(path)]
+                holder = f"shard {shards[0]}" if shards else _holder(file)
                 raise StoreError(
                     f"{self.folder} is in use by {holder}: wait for it, or choose another folder with --out"
                 )
-            file.truncate(0)
-            file.write(f"process {os.getpid()} on {socket.gethostname()}")
-            file.flush()
+            _sign(file)
             try:
                 yield
             finally:
@@ -261,7 +288,28 @@ def _compare(files: Mapping[str, list], present: Mapping[str, Path], thorough: b
     return None
 
 
-def _try_lock(file: IO[str]) -> bool:
+def _holder(file: IO[str]) -> str:
+    file.seek(0)
+    return file.read().strip() or "another process"
+
+
+def _sign(file: IO[str]) -> None:
+    file.truncate(0)
+    file.write(f"process {os.getpid()} on {socket.gethostname()}")
+    file.flush()
+
+
+def _is_held(path: Path) -> bool:
+    """Whether a process holds a lock file."""
+    with path.open("a+", encoding="utf-8") as file:
+        free = _try_lock(file)
+        if free:
+            _unlock(file)
+    return not free
+
+
+def _try_lock(file: IO[str], *, shared: bool = False) -> bool:
+    """Take a lock without waiting; a ``shared`` one goes with others of its kind (not on Windows, which has none)."""
     try:
         import fcntl
     except ImportError:  # Windows
@@ -274,7 +322,7 @@ def _try_lock(file: IO[str]) -> bool:
             return False
         return True
     try:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file.fileno(), (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True
