@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,9 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from benchmark.runner.costs import Estimate, Work
     from benchmark.runner.run import Outcome, Prepared
+    from benchmark.runner.store import CellStatus
 
 EPILOG = """\b
 Examples:
@@ -112,9 +114,14 @@ def run(context: click.Context, **options: Any) -> None:
     prepared = prepare(config)
     console = make_console()
     if options["dry_run"]:
-        from benchmark.commands.tables import plan_table
+        from benchmark.commands.tables import estimate_lines, plan_table
+        from benchmark.runner.run import cell_states
 
-        console.print(plan_table(prepared))
+        states = cell_states(prepared)
+        guess = _estimate(prepared, states)[1]
+        console.print(plan_table(prepared, states, guess))
+        for line in estimate_lines(guess):
+            console.print(line, markup=False, soft_wrap=True)
         return
     outcome = _run(context, prepared, console, quiet=options["quiet"])
     if prepared.config.shard is not None:
@@ -129,9 +136,12 @@ def run(context: click.Context, **options: Any) -> None:
 
 
 def _run(context: click.Context, prepared: Prepared, console: Console, *, quiet: bool) -> Outcome:
+    from benchmark.runner.costs import Meter, document, error_line, keep, measured
     from benchmark.runner.progress import make_display
+    from benchmark.runner.provenance import processor
+    from benchmark.runner.run import ESTIMATE, cell_states, shard_cells
     from benchmark.runner.run import run as run_all
-    from benchmark.runner.run import shard_cells
+    from benchmark.runner.store import write_json
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -139,14 +149,35 @@ def _run(context: click.Context, prepared: Prepared, console: Console, *, quiet:
     previous = signal.signal(signal.SIGTERM, stop)
     try:
         cells = shard_cells(prepared.cells, prepared.config.shard)
+        works, guess = _estimate(prepared, cell_states(prepared))
         with make_display(console, len(cells), quiet=quiet) as display:
-            return run_all(prepared, display)
+            meter, start = Meter(display), time.perf_counter()
+            outcome = run_all(prepared, meter)
+            seconds = time.perf_counter() - start
+        if meter.seconds:
+            keep(measured(works, prepared.folder, outcome.states, meter.seconds, processor()))
+            if len(meter.seconds) == len(works):  # of cells that failed the estimate says nothing
+                write_json(prepared.folder / ESTIMATE, document(guess, seconds))
+                if not quiet:
+                    console.print(error_line(guess, seconds), markup=False, soft_wrap=True)
+        return outcome
     except KeyboardInterrupt:
         command = shlex.join(["python", "-m", "benchmark", *sys.argv[1:]])
         click.echo(f"\ninterrupted; finished cells are kept. Go on with:\n  {command}", err=True)
         context.exit(130)
     finally:
         signal.signal(signal.SIGTERM, previous)
+
+
+def _estimate(prepared: Prepared, states: Mapping[str, CellStatus]) -> tuple[list[Work], Estimate]:
+    """What will be run, and what it will cost by what earlier runs did cost."""
+    from benchmark.runner.costs import estimate, pending, read_ledger
+    from benchmark.runner.provenance import processor
+    from benchmark.runner.run import cells_at_a_time
+
+    works = pending(prepared, states)
+    jobs = cells_at_a_time(prepared.config)
+    return works, estimate(works, read_ledger(), jobs=jobs, processor=processor())
 
 
 def _show_shard(outcome: Outcome, shard: str, console: Console, seconds: float) -> None:

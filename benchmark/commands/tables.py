@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -13,25 +13,62 @@ from rich.text import Text
 if TYPE_CHECKING:
     import pandas as pd
 
+    from benchmark.runner.costs import Estimate, Guess
     from benchmark.runner.run import Prepared
+    from benchmark.runner.store import CellStatus
 
 
-def plan_table(prepared: Prepared) -> Table:
-    """The plan with what is cached."""
-    from benchmark.runner.run import cell_states, to_execute
+#: Rows of a plan that are shown.
+SHOWN = 200
 
-    states = cell_states(prepared)
-    runs = sum(to_execute(prepared.config, cell, states[cell.key]) for cell in prepared.cells)
-    table = Table(title=f"{len(prepared.cells)} cells, {runs} to run, in {prepared.folder}", title_justify="left")
-    for name in ("cell", "task", "method", "rep", "seed", "device", "now", "will be", "why"):
+
+def plan_table(prepared: Prepared, states: Mapping[str, CellStatus], estimate: Estimate) -> Table:
+    """The plan with what is cached, and what the rest will cost."""
+    from benchmark.runner.run import shard_cells, to_execute
+
+    cells = shard_cells(prepared.cells, prepared.config.shard)
+    runs = sum(to_execute(prepared.config, cell, states[cell.key]) for cell in cells)
+    more = f"; the first {SHOWN} are shown" if len(cells) > SHOWN else ""
+    table = Table(title=f"{len(cells)} cells, {runs} to run, in {prepared.folder}{more}", title_justify="left")
+    for name in ("cell", "task", "method", "rep", "seed", "device", "now", "will be", "time", "memory", "disk", "why"):
         table.add_column(name, overflow="fold")
-    for cell in prepared.cells:
+    for cell in cells[:SHOWN]:
         status = states[cell.key]
         will = "run" if to_execute(prepared.config, cell, status) else {"ok": "kept"}.get(status.state, status.state)
         reason = status.reason if status.state != "missing" else ""
         row = [cell.key[:12], cell.task, cell.method, str(cell.repetition), str(cell.seed), cell.device]
-        table.add_row(*(Text(value) for value in [*row, status.state, will, reason]))
+        costs = ["", "", ""]
+        if cell.key in estimate.works:
+            guess = estimate.works[cell.key]
+            costs = ["unknown"] * 3
+            if guess is not None:
+                costs = [f"{_range(guess.seconds)} s", _bytes(guess.memory.value), _bytes(guess.disk.value)]
+                reason = reason or guess.basis
+        table.add_row(*(Text(value) for value in [*row, status.state, will, *costs, reason]))
     return table
+
+
+def estimate_lines(estimate: Estimate) -> list[str]:
+    """What a run will cost in all, for the terminal."""
+    if not estimate.works:
+        return []
+    lines = []
+    if len(estimate.works) > estimate.unknown:
+        wall, memory, disk = estimate.wall, estimate.memory, estimate.disk
+        lines.append(
+            f"estimated: {_range(wall)} s with {estimate.jobs} at a time, {_bytes(memory.value)} of memory for them, "
+            f"{_bytes(disk.value)} on disk; from the costs of earlier runs"
+        )
+    if estimate.unknown:
+        lines.append(
+            f"unknown: {estimate.unknown} of {len(estimate.works)} cells and probes are of a kind that was never run here; a "
+            "run with --limit 2 or of a smaller data set tells"
+        )
+    return lines
+
+
+def _range(guess: Guess) -> str:
+    return f"{guess.value:.0f} ({guess.low:.0f} to {guess.high:.0f})"
 
 
 def leaderboard_tables(rows: Sequence[dict[str, Any]]) -> list[Table | Text]:

@@ -28,6 +28,9 @@ from benchmark.runner.views import LEADERBOARD, MARK, REAL, RESULTS, build_views
 
 CONFIG, PLAN, ENVIRONMENT = "config.toml", "plan.json", "environment.json"
 
+#: What a run was thought to take beside what it took.
+ESTIMATE = "estimate.json"
+
 #: What makes a run folder what it is; a run with others belongs into another folder.
 IDENTITY = ("data set", "tasks", "split")
 
@@ -270,7 +273,7 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
                     jobs.append(job)
         environment = folder / environment_name(config.shard)
         if jobs or not environment.is_file():
-            write_json(environment, provenance.environment(threads=config.threads, jobs=_jobs(config)))
+            write_json(environment, provenance.environment(threads=config.threads, jobs=cells_at_a_time(config)))
         return _work(folder, cells, config, jobs, metric_jobs, prepared.metrics, observer)
 
 
@@ -287,7 +290,7 @@ def _work(
         named = {choice.probe.name: choice.probe for choice in chosen if choice.probe is not None}
         fits, places = probe_jobs(jobs, named.values())
         with make_backend(
-            config.backend, jobs=_jobs(config), time_limit=config.time_limit, scheduler=config.scheduler
+            config.backend, jobs=cells_at_a_time(config), time_limit=config.time_limit, scheduler=config.scheduler
         ) as backend:
             with _sharing(folder, fits, config) as left:
                 backend.run(left, observer)
@@ -339,7 +342,8 @@ def _sharing(folder: Path, fits: Sequence[ProbeJob], config: RunConfig) -> Itera
         yield [fit for fit in fits if store.status(fit.cell.key).state not in ("ok", "skipped")]
 
 
-def _jobs(config: RunConfig) -> int:
+def cells_at_a_time(config: RunConfig) -> int:
+    """How many cells a run works on at once, as far as this machine decides it."""
     if config.backend == "serial":
         return 1
     return config.jobs or default_jobs(config.threads)
@@ -480,7 +484,19 @@ def _check_folder(folder: Path, config: RunConfig) -> None:
     if not (folder / CONFIG).is_file():
         own = {".lock", ".shards", "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
         if RunStore(folder).cells.is_dir():  # a run whose settings were lost
-            own |= {PLAN, ENVIRONMENT, RESULTS, LEADERBOARD, MARK, "probes", "report", "figures", "tables", "stats"}
+            own |= {
+                ESTIMATE,
+                PLAN,
+                ENVIRONMENT,
+                RESULTS,
+                LEADERBOARD,
+                MARK,
+                "probes",
+                "report",
+                "figures",
+                "tables",
+                "stats",
+            }
         found = {path.name for path in folder.iterdir() if not path.name.endswith(".part")}
         others = sorted(found - own)
         if others:

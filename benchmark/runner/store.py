@@ -242,7 +242,7 @@ class RunStore:
                     for path in locks.iterdir():
                         if not path.name.endswith(f"-of-{parts}") and _is_held(path):
                             raise StoreError(
-                                f"{self.folder} is at work in other parts ({path.name}): divide it by the same number everywhere"
+                                f"{self.folder} is at work in other parts ({path.name}): divide it by the same number"
                             )
                     yield
                 finally:
