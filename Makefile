@@ -50,8 +50,8 @@ $(VENV)/.peers: $(VENV)/.installed
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[peers]'
 	@touch $@
 
-speed: $(VENV)/.peers  ## Time our readers, kinematics and alignment beside other libraries, in one run
-	@$(BIN)/python tests/speed/run.py
+speed: $(VENV)/.peers  ## Time the suite beside other libraries, in one run; the table is kept in speed.md and speed.csv
+	@$(BIN)/python tests/speed/run.py --table speed.md --table speed.csv
 
 clean:  ## Remove .venv and tool caches; runs/ is kept
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info

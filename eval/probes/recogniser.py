@@ -312,8 +312,16 @@ def smoothed(clip: MotionClip) -> MotionClip:
 
     Capture noise in metres is larger in angles on a small body than on a large one. A classifier that sees it tells children by
     how rough their capture is, and then calls whatever is smoother than a depth camera an adult.
+
+    The latest is kept: one recogniser after the other looks at a result, and what they describe of it is kept with the clip.
     """
-    return low_pass(clip, CUTOFF)
+    if clip not in _smoothed:
+        _smoothed.clear()
+        _smoothed[clip] = low_pass(clip, CUTOFF)
+    return _smoothed[clip]
+
+
+_smoothed: WeakKeyDictionary[MotionClip, MotionClip] = WeakKeyDictionary()
 
 
 def softmax(scores: Array, temperature: float = 1.0) -> Array:

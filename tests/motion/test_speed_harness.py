@@ -25,6 +25,11 @@ NAMES = (
     "bench_cyclegan",
     "bench_kc",
     "bench_video",
+    "bench_resample",
+    "bench_distribution",
+    "bench_bootstrap",
+    "bench_autoencoder",
+    "bench_stages",
     "run",
 )
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -169,6 +174,47 @@ def test_kc_bench_runs(speed):
     ]
 
 
+def test_resampling_bench_runs(speed):
+    rows = speed.bench_resample.run(Silent(), frames=40, repeats=1)
+    check_rows(rows)
+    by_name = {row["what"]: row for row in rows}
+    assert by_name["scipy Slerp"]["value"] > 0
+    case = speed.bench_resample.Case(20)
+    with pytest.raises(ValueError, match="its root differs"):
+        case.check(case.result.rotations, case.result.root + 1e-3)
+
+
+def test_distribution_bench_runs(speed):
+    rows = speed.bench_distribution.run(Silent(), count=40, dimensions=6, repeats=1)
+    check_rows(rows)
+    # Both peers give our distances, or they would not be timed.
+    assert all(row["value"] > 0 for row in rows)
+
+
+def test_bootstrap_bench_runs(speed):
+    rows = speed.bench_bootstrap.run(Silent(), clips=100, actors=10, resamples=200, repeats=1)
+    check_rows(rows)
+    assert all(row["value"] > 0 for row in rows)
+
+
+def test_autoencoder_bench_runs(speed):
+    size = {"channels": 5, "filters": 4, "width": 3, "frames": 8, "batch": 2}
+    rows = speed.bench_autoencoder.run(Silent(), **size, repeats=1)
+    check_rows(rows)
+    assert {row["what"]: row for row in rows}["torch modules"]["value"] > 0
+
+
+def test_stages_bench_adds_up_what_workers_report(speed, monkeypatch):
+    clock = iter([0.0, 1.0, 3.0, 7.0])
+    monkeypatch.setattr(speed.bench_stages.time, "perf_counter", lambda: next(clock))
+    stages, cell = speed.bench_stages.Stages(), SimpleNamespace(key="a")
+    stages.cell_started(cell)
+    stages.cell_progress(cell, "fit", 0.0, "")
+    stages.cell_progress(cell, "score", 0.0, "")
+    stages.cell_finished(cell, "ok", "", 7.0)
+    assert dict(stages.seconds) == {"starting processes": 1.0, "fitting": 2.0, "scoring": 4.0}
+
+
 def row(task: str, what: str, value: float | None, unit: str = "ms") -> dict:
     return {"task": task, "what": what, "value": value, "unit": unit, "ratio": None, "note": "not installed"}
 
@@ -199,7 +245,11 @@ def test_the_command_prints_a_table_and_keeps_the_figures(speed, monkeypatch, tm
     monkeypatch.setitem(sys.modules, "bench_fake", fake)
     monkeypatch.setattr(speed.run, "BENCHES", {"fake": "bench_fake"})
     kept = tmp_path / "speed.json"
-    result = CliRunner().invoke(speed.run.main, ["--only", "fake", "--json", str(kept)], catch_exceptions=False)
+    tables = [tmp_path / "speed.md", tmp_path / "speed.csv"]
+    arguments = ["--only", "fake", "--json", str(kept), *(word for path in tables for word in ("--table", str(path)))]
+    result = CliRunner().invoke(speed.run.main, arguments, catch_exceptions=False)
+    assert "| FK | pybvh | " in tables[0].read_text()
+    assert [line.split(",")[-1] for line in tables[1].read_text().splitlines()][1:] == ["", "7.00", ""]
     assert result.exit_code == 0
     assert "7.00x" in result.output
     assert "not installed" in result.output
