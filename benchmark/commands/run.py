@@ -26,6 +26,8 @@ Examples:
   python -m benchmark run --methods 'dynamic-*,nearest' --dataset kinder-gator --task adult:child
   python -m benchmark run --methods 'nearest[shortlist=8]' --repetitions 5 --jobs 4 --time-limit 3600
   python -m benchmark run --config mine.toml --set nearest.coarse_fps=15 --dry-run
+  python -m benchmark run --methods all --backend dask --scheduler tcp://node1:8786
+  python -m benchmark run --methods all --shard 3/16
   python -m benchmark run -d kinder-gator --split named --split-option 'train=["734", "723"]' --split-option 'test=["934"]'
 
 \b

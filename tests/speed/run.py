@@ -78,7 +78,7 @@ GOALS = (
     Goal("Resampling", "faster than every peer", faster_than=""),
     Goal("Fréchet distance", "faster than every peer", faster_than=""),
     Goal("Kernel distance", "half as fast as scikit-learn, which gives no error", faster_than="", times=0.5),
-    Goal("Bootstrap", "faster than every peer", faster_than=""),
+    Goal("Bootstrap", "at least 10 times as fast as a loop", faster_than="plain loop", times=10.0),
     Goal("Autoencoder training", "as fast as torch's modules", faster_than="", times=0.95),
 )
 
