@@ -2,7 +2,8 @@
 
 A process of its own can be ended when it outruns its time limit, may crash without harm to the others, and has a peak of memory
 that is the cell's. The processes are forked from a server that has imported the light part of the suite once, so that one
-costs tens of milliseconds.
+costs tens of milliseconds. Probes and scores come from a second server, which has imported what metrics need as well: a method
+must not find that in its memory, which is measured.
 """
 
 from __future__ import annotations
@@ -11,18 +12,21 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 from benchmark.errors import ConfigError
 from benchmark.runner import worker
 from benchmark.runner.job import CellJob, Unit
 from benchmark.runner.probes import ProbeJob
+from benchmark.runner.score import missing_metrics
 from benchmark.runner.store import RunStore
 
 #: What the fork server imports once for all cells: what every cell needs, and nothing that starts threads.
@@ -34,6 +38,10 @@ PRELOADED = (
     "pyarrow.json",
     "pyarrow.parquet",
 )
+
+
+#: What the server of probes and scores imports besides: the heavy libraries of metrics, as far as they start no threads.
+PRELOADED_TO_SCORE = (*PRELOADED, "scipy.signal", "scipy.fft", "torch")
 
 
 #: What a backend can run.
@@ -130,6 +138,7 @@ class _Running:
     stage: str = "start"
     metric: str = ""
     finished: bool = False
+    before: float = 0.0
 
 
 class Processes:
@@ -151,7 +160,8 @@ class Processes:
         self.jobs, self.time_limit, self._stop = jobs, time_limit, stop
         methods = multiprocessing.get_all_start_methods()
         self._context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
-        if self._context.get_start_method() == "forkserver":
+        self._forks = self._context.get_start_method() == "forkserver"
+        if self._forks:
             self._context.set_forkserver_preload(list(PRELOADED))
 
     def __enter__(self) -> Self:
@@ -164,18 +174,23 @@ class Processes:
         """Run every job; whatever ends this, no process is left behind."""
         waiting = deque(jobs)
         running: list[_Running] = []
+        #: Seconds spent on cells that have begun and not ended.
+        spent: dict[str, float] = {}
         try:
             while waiting or running:
                 if self._stop():
                     raise StoppedError
                 while len(running) < self.jobs and (job := _next(waiting, running)) is not None:
                     running.append(self._start(job))
-                    observer.cell_started(job.cell)
+                    if job.cell.key not in spent:
+                        observer.cell_started(job.cell)
+                    running[-1].before = spent.setdefault(job.cell.key, 0.0)
                 self._listen(running, observer)
                 for one in [one for one in running if one.finished]:
                     running.remove(one)
                     again = self._ended(one, observer)
                     if again is not None:
+                        spent[one.job.cell.key] += time.monotonic() - one.began
                         waiting.appendleft(again)
         finally:
             for one in running:
@@ -187,8 +202,12 @@ class Processes:
         cells.mkdir(parents=True, exist_ok=True)
         output = cells / f".tmp-output-{job.cell.key}"
         ours, theirs = self._context.Pipe()
-        with _thread_environment(job.threads):
-            process = self._context.Process(target=worker.main, args=(theirs, job, output), name=job.cell.title)  # type: ignore[attr-defined]
+        executes = isinstance(job, CellJob) and job.execute
+        # Executing and scoring are two processes, from the two servers.
+        part = replace(job, metrics=()) if executes else job
+        server = _server_to_score() if self._forks and not executes else nullcontext()
+        with _starting, _thread_environment(job.threads), server:
+            process = self._context.Process(target=worker.main, args=(theirs, part, output), name=job.cell.title)  # type: ignore[attr-defined]
             process.start()
         theirs.close()
         running = _Running(job, process, ours, output)
@@ -246,8 +265,36 @@ class Processes:
             else:
                 store.commit_failure(job.cell.key, f"{reason} (stage: {stage})", text[-20000:] or reason)
         status = store.status(job.cell.key)
-        observer.cell_finished(job.cell, status.state, status.reason, time.monotonic() - one.began)
+        if job.execute and status.state == "ok" and missing_metrics(store.cell(job.cell.key), job.metrics):
+            return replace(job, execute=False)
+        observer.cell_finished(job.cell, status.state, status.reason, one.before + time.monotonic() - one.began)
         return None
+
+
+_score_server: Any = None
+
+#: Held while a process starts, as that goes through what all threads of this process share.
+_starting = threading.Lock()
+
+
+@contextlib.contextmanager
+def _server_to_score() -> Iterator[None]:
+    """Processes that start meanwhile come from the server of probes and scores.
+
+    multiprocessing has one fork server; a second of its class is put in that one's place while a process starts.
+    """
+    global _score_server
+    from multiprocessing import forkserver
+
+    if _score_server is None:
+        _score_server = forkserver.ForkServer()
+        _score_server.set_forkserver_preload(list(PRELOADED_TO_SCORE))
+    usual = forkserver.connect_to_new_process
+    forkserver.connect_to_new_process = _score_server.connect_to_new_process
+    try:
+        yield
+    finally:
+        forkserver.connect_to_new_process = usual
 
 
 def _next(waiting: deque[Job], running: Sequence[_Running]) -> Job | None:
