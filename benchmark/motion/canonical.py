@@ -148,6 +148,14 @@ def heading(clip: MotionClip, *, sigma: float = 0.0) -> Array:
     SkeletonError
         If neither pair of roles is known.
     """
+    # Several stages of a method ask for it. A clip does not change, and keeps what it is asked for like its world positions.
+    known: dict[float, Array] = clip.__dict__.setdefault("_headings", {})
+    if sigma not in known:
+        known[sigma] = _heading(clip, sigma)
+    return known[sigma].copy()
+
+
+def _heading(clip: MotionClip, sigma: float) -> Array:
     skeleton, positions = clip.skeleton, clip.positions
     across = np.zeros((len(clip), 3))
     pairs = [pair for pair in (("left_hip", "right_hip"), ("left_shoulder", "right_shoulder")) if skeleton.has(*pair)]

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from benchmark.errors import ContractError
 from benchmark.motion import quat
-from benchmark.motion.kinematics import fk
+from benchmark.motion.kinematics import fk, local_from_world
 from benchmark.motion.skeleton import Skeleton
 
 Array = NDArray[np.float64]
@@ -34,6 +34,9 @@ FOLD_CONE = np.radians(25.0)
 
 #: Bones shorter than this, in metres, have no direction.
 _SHORTEST = 1e-9
+
+#: Twice one plus the cosine of an arc, below which its length is lost in rounding.
+_WIDE = 0.02
 
 #: Weight of the parent's orientation in Wahba's problem, relative to the bones. It decides only what the bones leave open
 #: (they all lie on one line) and is far below what 1e-9 m can show.
@@ -131,24 +134,28 @@ def aim_bones(skeleton: Skeleton, rotations: ArrayLike, positions: ArrayLike) ->
             raise ContractError(f"{name} holds {array[where]} at index {where}")
     world = quat.identity(frames, joints)
     aims = _aims(skeleton)
+    bones, known = _bones(skeleton, wanted)
+    rest, aimed_at = _unit(skeleton.offsets), _unit(bones)
     for aim in aims:
         turned = given[:, aim.joints] if aim.root else quat.mul(world[:, aim.parents], given[:, aim.joints])
         if len(aim.one):
             start = turned[:, aim.one]
-            now = quat.rotate(start, skeleton.offsets[aim.ends])
-            then = _wanted(wanted, aim.joints[aim.one], aim.ends, now)
-            turned[:, aim.one] = quat.mul(quat.between(now, then), start)
+            now, then = quat.rotate(start, rest[aim.ends]), aimed_at[:, aim.ends]
+            if not known:
+                then = _wanted(then, now)
+            turned[:, aim.one] = quat.mul(_arc(now, then), start)
         for at, children in aim.several:
             now = quat.rotate(turned[:, at, None], skeleton.offsets[children])
-            then = _wanted(wanted, aim.joints[at, None], children, now)
+            then = bones[:, children]
+            if not known:
+                then = _wanted(then, now)
             weights = np.broadcast_to(skeleton.bone_lengths[children], now.shape[:-1])
             turned[:, at] = quat.mul(match_directions(now, then, weights=weights), turned[:, at])
         world[:, aim.joints] = turned
     aimed = given.copy()
-    for aim in aims:
-        turning = np.concatenate([aim.one, [at for at, _ in aim.several]]).astype(np.int64)
-        local = world[:, aim.joints[turning]]
-        aimed[:, aim.joints[turning]] = local if aim.root else quat.inv_mul(world[:, aim.parents[turning]], local)
+    turning = np.concatenate([aim.turning for aim in aims]).astype(np.int64)
+    local = local_from_world(skeleton, world)
+    aimed[:, turning] = local[:, turning]
     return quat.normalize(quat.unroll(aimed))
 
 
@@ -177,6 +184,11 @@ class _Aim:
         """Whether this is the root's level."""
         return bool(self.joints[0] == 0)
 
+    @property
+    def turning(self) -> NDArray[np.int64]:
+        """The joints that are turned."""
+        return self.joints[[*self.one, *(at for at, _ in self.several)]]
+
 
 @lru_cache(maxsize=64)
 def _aims(skeleton: Skeleton) -> tuple[_Aim, ...]:
@@ -201,11 +213,30 @@ def _aims(skeleton: Skeleton) -> tuple[_Aim, ...]:
     return tuple(aims)
 
 
-def _wanted(positions: Array, starts: NDArray[np.int64], ends: NDArray[np.int64] | list[int], now: Array) -> Array:
-    """Bones (T, K, 3) between joints of ``positions``; those of ``now`` where they have no length."""
-    bones = positions[:, ends] - positions[:, starts]
+def _bones(skeleton: Skeleton, positions: Array) -> tuple[Array, bool]:
+    """Bones (T, J, 3) that end at each joint, between ``positions``, and whether all that the skeleton has have a length."""
+    bones = positions - positions[:, np.maximum(skeleton.parents, 0)]
+    aimed = bones[:, 1:][:, skeleton.bone_lengths[1:] > _SHORTEST]
+    return bones, bool(np.einsum("tki,tki->tk", aimed, aimed).min(initial=np.inf) > _SHORTEST**2)
+
+
+def _wanted(bones: Array, now: Array) -> Array:
+    """Bones (T, K, 3); those of ``now`` where they have no length."""
     length = np.sqrt(np.einsum("tki,tki->tk", bones, bones))[..., None]
     return np.where(length > _SHORTEST, bones, now)
+
+
+def _arc(now: Array, then: Array) -> Array:
+    """:func:`benchmark.motion.quat.between` of unit vectors (T, K, 3), which need not be made so again."""
+    double = 2.0 + 2.0 * np.einsum("tki,tki->tk", now, then)
+    if double.min(initial=4.0) < _WIDE:
+        return quat.between(now, then)
+    scale = 1.0 / np.sqrt(double)
+    arc = np.empty((*double.shape, 4))
+    np.multiply(0.5 * double, scale, out=arc[..., 0])
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1)), start=1):
+        np.multiply(now[..., j] * then[..., k] - now[..., k] * then[..., j], scale, out=arc[..., i])
+    return arc
 
 
 def match_directions(rest: ArrayLike, target: ArrayLike, *, weights: ArrayLike | None = None) -> Array:
@@ -230,7 +261,7 @@ def match_directions(rest: ArrayLike, target: ArrayLike, *, weights: ArrayLike |
     """
     a, b = _unit(rest), _unit(target)
     w = np.ones(a.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64)
-    profile = np.einsum("...k,...ki,...kj->...ij", w, b, a)
+    profile = np.swapaxes(w[..., None] * b, -1, -2) @ a
     scale = np.maximum(np.sum(w, axis=-1), _SHORTEST)
     profile = profile + (_PRIOR * scale)[..., None, None] * np.eye(3)
     trace = np.trace(profile, axis1=-2, axis2=-1)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from methods.cyclegan.generator import JointConv, Whitening, convolve
+from methods.cyclegan.layers import Workspaces
 
 
 class Discriminator(nn.Module):
@@ -57,6 +58,7 @@ class Discriminator(nn.Module):
             inputs = outputs
         layers.append(JointConv(1, inputs, 1, 4, pad=1, slope=1.0))
         self.layers = nn.ModuleList(layers)
+        self.spaces = Workspaces()
 
     def reset(self, generator: torch.Generator) -> None:
         """Draw all weights."""
@@ -69,4 +71,4 @@ class Discriminator(nn.Module):
         if self.whitening is not None:
             x = self.whitening(x)
         x = x.reshape(1, -1, *x.shape[2:])
-        return convolve(x, self.layers)[0, 0]
+        return convolve(x, self.layers, self.spaces)[0, 0]

@@ -6,13 +6,13 @@ Words are (J, 4, T, B): joints, quaternion components, frames, words.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from typing import Literal, Self
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from methods.cyclegan.layers import Layer, chain
+from methods.cyclegan.layers import Layer, Workspaces, chain
 
 #: ``joint``: quaternion components are channels; ``joint2d``: they are the second axis of two-dimensional kernels, the
 #: literal reading of the paper; ``overall``: kernels over time and joints, shared by all joints, its negative result.
@@ -137,14 +137,14 @@ class JointConv(nn.Module):
         return [weight, self.gain, self.shift] if self.layer.norm else [weight, self.bias]
 
 
-def convolve(x: Tensor, convs: Iterable[nn.Module]) -> Tensor:
-    """(J, C, T, B) through some :class:`JointConv`, one after another."""
+def convolve(x: Tensor, convs: Iterable[nn.Module], spaces: Workspaces | None = None) -> Tensor:
+    """(J, C, T, B) through some :class:`JointConv`, one after another, in memory from ``spaces``."""
     layers, tensors = [], []
     for conv in convs:
         assert isinstance(conv, JointConv)
         layers.append(conv.layer)
         tensors.append(conv.tensors())
-    return chain(x, layers, tensors)
+    return chain(x, layers, tensors, spaces)
 
 
 class CrossJoint(nn.Module):
@@ -210,16 +210,23 @@ class JointTrunk(nn.Module):
         )
         self.leave = nn.ModuleList([conv(third, second, 3, upsample=True), conv(second, first, 3, upsample=True)])
         self.last = conv(first, ends, 7, padding="reflect", norm="none", slope=1.0)
+        self.spaces = Workspaces()
+
+    def train(self, mode: bool = True) -> Self:
+        """As in torch; memory for training is given back when it is over."""
+        if not mode:
+            self.spaces.clear()
+        return super().train(mode)
 
     def forward(self, x: Tensor) -> Tensor:
         """(J, 4, T, B) to (J, 4, T, B)."""
         rest = [*self.blocks, *self.leave, self.last]
         if self.mix is None:
-            return convolve(x, [*self.enter, *rest])
-        x = convolve(x, self.enter)
+            return convolve(x, [*self.enter, *rest], self.spaces)
+        x = convolve(x, self.enter, self.spaces)
         places = x.shape[1] // self.mix.channels
         x = self.mix(x.view(x.shape[0], self.mix.channels, places * x.shape[2], x.shape[3])).view(x.shape)
-        return convolve(x, rest)
+        return convolve(x, rest, self.spaces)
 
 
 class OverallTrunk(nn.Module):

@@ -23,6 +23,9 @@ Array = NDArray[Any]
 #: Under the root of a bone's length, as in :meth:`methods.cyclegan_kc.losses.Kinematics.bone_lengths`.
 _TINY = 1e-12
 
+#: Leg lengths above which a bone's length has an error, as in :meth:`methods.cyclegan_kc.losses.Kinematics.bone_error`.
+_LONG = 1e-6
+
 #: Of Adam; the last is that of :mod:`methods.holden.descent`.
 _BETAS, _EPS = (0.9, 0.999), 1e-5
 
@@ -100,11 +103,13 @@ class KinematicDescent:
         self._by_acceleration = 1.0 / (max(frames - 2, 1) * joints * kinematics.acceleration)
         self._by_frame = 1.0 / max(frames, 1)
 
-        feet = kinematics.feet.numpy()
-        self._feet = (3 * feet[:, None] + np.arange(3)).ravel()
-        self._foot_scale, self._foot_offset = self._scale[self._feet], self._offset[self._feet]
-        self._step_scale = self._scale[self._velocity] / self._fps
-        self._step_offset = self._offset[self._velocity] / self._fps
+        # Horizontal places and velocities as pairs (z, x), which are complex numbers z + i x as they lie there; and heights.
+        feet, (across, ahead, around) = kinematics.feet.numpy(), range(self._velocity.start, self._velocity.stop)
+        self._ground, self._height = (3 * feet[:, None] + [2, 0]).ravel(), 3 * feet + 1
+        self._ground_scale, self._ground_offset = self._scale[self._ground], self._offset[self._ground]
+        self._height_scale = self._scale[self._height]
+        self._ahead, self._around = np.array([ahead, across]), around
+        self._step_scale, self._step_offset = self._scale / self._fps, self._offset / self._fps
         at = self._velocity.stop
         contacts = content[:, at : at + len(feet)] > 0
         self._standing = (contacts[:-1] & contacts[1:]).astype(content.dtype)
@@ -208,39 +213,52 @@ class KinematicDescent:
 
     def _foot(self, x: Array, gradient: Array, weight: float) -> float:
         """Horizontal places as complex numbers ``z + i x``, which a turn by w about the vertical multiplies by ``exp(i w)``."""
-        places = (x[:, self._feet] * self._foot_scale + self._foot_offset).reshape(len(x), -1, 3)
-        ground, height = places[..., 2] + 1j * places[..., 0], places[..., 1]
-        motion = x[:-1, self._velocity] * self._step_scale + self._step_offset
-        half = 0.5 * motion[:, 2]
+        ground = _complex(x[:, self._ground] * self._ground_scale + self._ground_offset)
+        height = x[:, self._height] * self._height_scale
+        moved = _complex(x[:-1, self._ahead] * self._step_scale[self._ahead] + self._step_offset[self._ahead])
+        half = x[:-1, self._around] * (0.5 * self._step_scale[self._around]) + 0.5 * self._step_offset[self._around]
         turn = np.exp(1j * half)[:, None]
-        late, early = turn * ground[1:], turn.conj() * ground[:-1]
-        slip = late - early + (motion[:, 1] + 1j * motion[:, 0])[:, None]
-        rise = height[1:] - height[:-1]
-        slip *= self._standing
-        rise *= self._standing
+        against = turn.conj()
+        late, early = turn * ground[1:], against * ground[:-1]
+        slip = (late - early + moved) * self._standing
+        rise = (height[1:] - height[:-1]) * self._standing
         total = float(np.vdot(slip, slip).real) + float(np.vdot(rise, rise))
         factor = 2.0 * weight * self._by_step
         slip *= factor
         rise *= factor
-        pulls = np.zeros_like(places)
-        pull = slip * turn.conj()
-        pulls[1:, :, 2] += pull.real
-        pulls[1:, :, 0] += pull.imag
-        pull = slip * turn
-        pulls[:-1, :, 2] -= pull.real
-        pulls[:-1, :, 0] -= pull.imag
-        pulls[1:, :, 1] += rise
-        pulls[:-1, :, 1] -= rise
-        gradient[:, self._feet] += pulls.reshape(len(x), -1) * self._foot_scale
+        pulls = np.zeros_like(ground)
+        np.multiply(slip, against, out=pulls[1:])
+        pulls[:-1] -= slip * turn
+        gradient[:, self._ground] += _pairs(pulls) * self._ground_scale
+        climbs = np.zeros_like(height)
+        climbs[1:] = rise
+        climbs[:-1] -= rise
+        gradient[:, self._height] += climbs * self._height_scale
         # d slip / d half = i (late + early).
-        spin = 0.5 * (slip.conj() * (late + early)).imag.sum(axis=1)
-        shift = slip.sum(axis=1)
-        rates = gradient[:-1, self._velocity]
-        across, ahead, around = self._step_scale
-        rates[:, 0] += across * shift.imag
-        rates[:, 1] += ahead * shift.real
-        rates[:, 2] -= around * spin
+        late += early
+        spin = np.einsum("tf,tf->t", slip.conj(), late).imag
+        gradient[:-1, self._ahead] += _pairs(slip.sum(axis=1, keepdims=True)) * self._step_scale[self._ahead]
+        gradient[:-1, self._around] -= (0.5 * self._step_scale[self._around]) * spin
         return total * self._by_step
+
+    def bone_error(self, x: Array) -> float:
+        """:meth:`methods.cyclegan_kc.losses.Kinematics.bone_error` of channels (T, D)."""
+        vectors = (x[:, self._places] @ self._to_bones + self._rest_bones).reshape(len(x), -1, 3)
+        lengths = np.sqrt(np.einsum("tbi,tbi->tb", vectors, vectors) + vectors.dtype.type(_TINY))
+        long = self._lengths > _LONG
+        if not long.any():
+            return float("nan")
+        return float(np.abs(lengths[:, long] / self._lengths[long] - 1.0).mean(dtype=np.float64))
+
+
+def _complex(pairs: Array) -> Array:
+    """(T, N) complex numbers of (T, 2 N) real and imaginary parts in turn."""
+    return np.ascontiguousarray(pairs).view(np.result_type(pairs.dtype, np.complex64))
+
+
+def _pairs(numbers: Array) -> Array:
+    """The inverse of :func:`_complex`."""
+    return numbers.view(numbers.real.dtype)
 
 
 def _windows(values: Array, taps: int) -> Array:

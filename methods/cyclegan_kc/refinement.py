@@ -104,5 +104,4 @@ def draw(
     # Without a kinematic term there is nothing to descend.
     lowest, before, after = descent.lowest(start, iterations=iterations if any(kinematics.weights) else 0, step=step)
     made = descent.channels(lowest)
-    bones = kinematics.bone_error(torch.from_numpy(made.T[None]), torch.ones((1, len(made)), dtype=torch.bool))
-    return Drawn(made.astype(np.float64), before, after, float(bones))
+    return Drawn(made.astype(np.float64), before, after, descent.bone_error(made))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+
 import pytest
 import torch
 from torch.nn import functional
 
 from methods.cyclegan import layers as fast
+from methods.cyclegan import stages
 from methods.cyclegan.generator import JointConv, JointTrunk, make_generator
-from methods.cyclegan.layers import Layer, chain
+from methods.cyclegan.layers import Layer, Workspaces, chain
 from methods.cyclegan.literal import LiteralTrunk, from_literal, to_literal
 
 
@@ -148,17 +151,40 @@ CHAINS = {
 }
 
 
+@pytest.mark.parametrize("inner", [1, 4, 16])
 @pytest.mark.parametrize("at_once", [1, 10**9])
 @pytest.mark.parametrize("name", CHAINS)
-def test_a_chain_is_its_layers_one_by_one(name, at_once, monkeypatch):
-    """All groups at once, and one by one."""
+def test_a_chain_is_its_layers_one_by_one(name, at_once, inner, monkeypatch):
+    """All groups at once, and one by one; with channels innermost in memory everywhere, here and there, and nowhere."""
     monkeypatch.setattr(fast, "AT_ONCE", at_once)
+    monkeypatch.setattr(stages, "INNER", inner)
     layers, channels = CHAINS[name]
     x, tensors = drawn(3, channels[0], 12, 2), drawn_tensors(layers, channels, groups=3)
     theirs = plain_chain(x, layers, tensors)
     agree(chain(x, layers, tensors), theirs, (x, *flat(tensors)))
     with torch.no_grad():
         torch.testing.assert_close(chain(x, layers, tensors), theirs.detach(), rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_memory_is_used_again_but_by_one_walk_at_a_time(name):
+    """Two walks forward before either goes back, and then again with other weights in the same place."""
+    layers, channels = CHAINS[name]
+    tensors, spaces = drawn_tensors(layers, channels, groups=3), Workspaces()
+    xs = [drawn(3, channels[0], 12, 2, seed=seed) for seed in (5, 6)]
+    for _ in range(3):
+        ours = sum(chain(x, layers, tensors, spaces).square().sum() for x in xs)
+        theirs = sum(plain_chain(x, layers, tensors).square().sum() for x in xs)
+        found, wanted = (torch.autograd.grad(loss, [*xs, *flat(tensors)]) for loss in (ours, theirs))
+        for one, two in zip(found, wanted, strict=True):
+            torch.testing.assert_close(one, two, rtol=1e-9, atol=1e-9)
+        assert [len(free) for free in spaces._free.values()] == [2]
+        with torch.no_grad():
+            for tensor in flat(tensors):
+                tensor.mul_(1.1)
+    assert copy.deepcopy(spaces)._free == {}
+    spaces.clear()
+    assert not spaces._free
 
 
 def test_only_what_is_asked_for_gets_a_gradient():

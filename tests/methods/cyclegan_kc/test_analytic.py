@@ -112,6 +112,14 @@ def test_a_pair_decoder_is_the_decoder() -> None:
     np.testing.assert_allclose(made.T, case.layer(unpool(case.hidden))[0, :, case.clip.inner].numpy(), atol=1e-12)
 
 
+def test_bone_error_is_that_of_the_terms() -> None:
+    case = Case(WEIGHTS[-1])
+    made = case.descent.channels(case.kept(case.hidden))
+    expected = case.terms.bone_error(torch.from_numpy(made.T[None]), torch.ones((1, len(made)), dtype=torch.bool))
+    assert float(expected) > 0.01
+    assert case.descent.bone_error(made) == pytest.approx(float(expected), rel=1e-10)
+
+
 def test_descent_ends_where_that_of_torch_ends() -> None:
     for dtype, near in ((torch.float64, 1e-9), (torch.float32, 1e-3)):
         case = Case(WEIGHTS[-1], dtype=dtype)
