@@ -118,15 +118,15 @@ class Case:
 
         return job
 
-    def check(self) -> None:
-        """Hold four plain updates to the losses of ours, batch 1.
+    def check(self, job: Job | None = None) -> None:
+        """Hold four plain updates, or those of ``job``, to the losses of ours, batch 1.
 
         In double precision: Adam makes steps of full length of gradients that are nothing but rounding, and in single precision
         there are enough of them for weights to part soon.
         """
         double = copy.copy(self)
         double.dtype = torch.float64
-        ours, plain = double.ours(1, "sequential"), double.plain(1)
+        ours, plain = double.ours(1, "sequential"), job or double.plain(1)
         for _ in range(4):
             expected, got = ours(), plain()
             for name, value in expected.items():  # type: ignore[attr-defined]
