@@ -11,7 +11,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1); [ $$n -gt 8 ] && n=8; echo $$n)
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow lint format speed clean
+.PHONY: help install run pictures test test-slow lint format speed clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -28,6 +28,11 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 run: install  ## Compare all methods on the embedded data and say where the report is
 	@$(BIN)/python -m benchmark run --methods all $(ARGS)
+
+pictures: install  ## Draw the README's pictures anew, from the run on synthetic data
+	@$(BIN)/python -m benchmark run --methods all --quiet
+	@$(BIN)/python -m benchmark metrics-check --quiet
+	@$(BIN)/python docs/pictures.py runs/synthetic-adult-child runs/metrics-check
 
 lint: install  ## Style, types and layers
 	@$(BIN)/ruff check .

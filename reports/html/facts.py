@@ -149,17 +149,18 @@ def _part(name: str, clip_ids: Iterable[str]) -> dict[str, Any]:
 def methods(run: RunView) -> list[dict[str, str]]:
     """Every row of the plan: method, version, parameters and what it is."""
     from benchmark.registry import METHODS
+    from benchmark.runner.plan import read_plan
 
-    plan = run.document("plan.json") or {"cells": []}
+    plan = run.document("plan.json")
     found: dict[str, dict[str, str]] = {}
-    for cell in plan["cells"]:
-        summary = METHODS.describe(cell["name"]).summary if cell["name"] in METHODS else "not installed here"
-        parameters = ", ".join(f"{name} = {value}" for name, value in sorted(cell["params"].items()))
+    for cell in read_plan(plan) if plan else ():
+        summary = METHODS.describe(cell.name).summary if cell.name in METHODS else "not installed here"
+        parameters = ", ".join(f"{name} = {value}" for name, value in sorted(cell.params.items()))
         found.setdefault(
-            cell["method"],
+            cell.method,
             {
-                "method": cell["method"],
-                "version": str(cell["method_version"]),
+                "method": cell.method,
+                "version": str(cell.method_version),
                 "summary": summary,
                 "parameters": parameters or "none",
             },

@@ -78,7 +78,7 @@ def _hostile(folder):
                 item[key] += HOSTILE
         path.write_text(json.dumps(items))
     plan = json.loads((folder / "plan.json").read_bytes())
-    for cell in plan["cells"]:
+    for cell in plan["shared"]:
         cell["method"] += HOSTILE
         cell["params"]["note"] = HOSTILE
     (folder / "plan.json").write_text(json.dumps(plan))

@@ -44,6 +44,8 @@ def begin(page, address):
     page.get_by_role("button", name="Take part").click()
     page.get_by_role("button", name="Begin").click()
     page.get_by_role("heading", name="Video 1 of 7").wait_for()
+    # Keys do something once the page's script has run.
+    page.wait_for_load_state("load")
 
 
 def answer_by_mouse(page, position, pages=7):

@@ -46,7 +46,7 @@ def finished(files, tmp_path_factory) -> Path:
         for number, action in enumerate(("jog", "walk")):
             stem = f"{number:04d}"
             clip_id = f"adult/adult001/{action}_1"
-            items.append({"clip_id": clip_id, "state": "ok", "stem": stem})
+            items.append({"clip_id": clip_id, "action": "walk", "state": "ok", "stem": stem})
             (cell / "outputs" / f"{stem}.raw.npz").write_bytes((files / name).read_bytes())
             rows.append(
                 {
