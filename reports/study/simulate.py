@@ -117,14 +117,15 @@ def simulate_study(
 
     plan = read_plan(folder)
     observed = observe_study(folder, plan, count, seed=seed)
+    sheets = _sheets(observed)[:count]
     start = time.monotonic()
     with running_server(folder) as base:
-        pages = asyncio.run(drive(base, plan, _sheets(observed), report=report))
-    return Simulated(count, pages, time.monotonic() - start, observed.notes)
+        pages = asyncio.run(drive(base, plan, sheets, report=report))
+    return Simulated(len(sheets), pages, time.monotonic() - start, observed.notes)
 
 
 def observe_study(folder: StudyFolder, plan: Plan, count: int, *, seed: int = 0) -> Observed:
-    """What ``count`` simulated observers would answer, careless ones among them."""
+    """What ``count`` simulated observers would answer, careless ones among them; one more where shares do not come out even."""
     import pandas as pd
 
     from eval.ratings.observers import ObserverModel, observe
@@ -133,7 +134,7 @@ def observe_study(folder: StudyFolder, plan: Plan, count: int, *, seed: int = 0)
     if count < 3:
         raise DataError(f"{count} simulated observers are too few to rehearse an analysis: three or more are needed")
     model = ObserverModel()
-    attentive = next(n for n in range(count, 0, -1) if n + round(n * model.careless) <= count)
+    attentive = next(n for n in range(1, count + 1) if n + round(n * model.careless) >= count)
     stimuli = read_stimuli(folder.key)
     scores = pd.read_csv(folder.evidence)
     return observe(

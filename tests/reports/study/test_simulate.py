@@ -98,6 +98,8 @@ def test_another_rehearsal_has_other_observers(rehearsed, built):
     first, again = observe_study(built, plan, 5).ratings, observe_study(built, plan, 5).ratings
     after = observe_study(rehearsed, plan, 5).ratings
     assert first.equals(again) and not first.equals(after)
+    # 10 attentive ones come with one careless, 11 with two.
+    assert observe_study(built, plan, 12).ratings["rater"].nunique() == 13
     with pytest.raises(DataError, match="too few"):
         observe_study(built, plan, 2)
 
