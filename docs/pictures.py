@@ -14,7 +14,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
 #: Widest that a picture is shown, pixels, and colours that are enough for drawings.
-WIDTH, COLOURS = 1420, 192
+WIDTH, COLOURS = 1420, 256
 #: Picture of the README -> figure of the run.
 FIGURES = {
     "pose-strip": "pose-strip-adult-to-child",
@@ -28,15 +28,16 @@ CLIP, MOMENT = "adult005/run-as-fast-as-you-can_3", "1.2"
 VIDEO_METHODS = "nearest,dynamic-scaling[both],hsu,holden,cyclegan,cyclegan-kc"
 
 
-def shrink(source: Path, target: Path) -> None:
-    """Write a picture small enough for a repository: at most ``WIDTH`` wide, with a palette."""
+def shrink(source: Path, target: Path, *, shaded: bool = False) -> None:
+    """Write a picture small enough for a repository: at most ``WIDTH`` wide, with a palette; shades kept if ``shaded``."""
     from PIL import Image
 
     with Image.open(source) as opened:
         picture = opened.convert("RGB")
     if picture.width > WIDTH:
         picture = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
-    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    dither = Image.Dither.FLOYDSTEINBERG if shaded else Image.Dither.NONE
+    picture.quantize(COLOURS, dither=dither).save(target, optimize=True)
     print(f"{target.relative_to(DOCS.parent)}: {picture.width} x {picture.height}, {target.stat().st_size // 1024} kB")
 
 
@@ -49,7 +50,8 @@ def screenshot(page: Path, target: Path) -> None:
         tab = browser.new_page(viewport={"width": 1420, "height": 900}, reduced_motion="reduce")
         tab.goto(page.resolve().as_uri())
         tab.get_by_role("heading", name="Side by side").scroll_into_view_if_needed()
-        tab.evaluate("window.scrollBy(0, document.querySelector('canvas').getBoundingClientRect().top - 160)")
+        tab.evaluate("window.scrollBy(0, document.querySelector('canvas').getBoundingClientRect().top - 190)")
+        tab.get_by_role("slider").first.fill(MOMENT)
         tab.wait_for_timeout(500)
         tab.screenshot(path=str(target))
         browser.close()
@@ -67,11 +69,11 @@ def main(run: Path, check: Path) -> int:
         still = Path(aside) / "still.png"
         video = [sys.executable, "-m", "benchmark", "video", str(run), "--clip", CLIP, "--methods", VIDEO_METHODS]
         subprocess.run([*video, "--still", MOMENT, "--size", "1420x760", "-o", str(still)], check=True)
-        shrink(still, DOCS / "side-by-side.png")
+        shrink(still, DOCS / "side-by-side.png", shaded=True)
         if shutil.which("chromium"):
             shot = Path(aside) / "report.png"
             screenshot(run / "report" / "index.html", shot)
-            shrink(shot, DOCS / "report.png")
+            shrink(shot, DOCS / "report.png", shaded=True)
     for picture in sorted(check.glob("*.png")):
         shrink(picture, DOCS / "metrics-check.png")
     return 0
