@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmark.api import NotApplicableError
 from benchmark.registry import FIGURES
-from reports.drawing import Drawing, FigureOutcome, SavedDrawing
+from reports.drawing import FigureOutcome, SavedDrawing, save
 from reports.run import RunView
 
 
@@ -60,7 +60,7 @@ def _draw(run: RunView, name: str, target: Path) -> FigureOutcome:
     start = time.perf_counter()
     saved: list[SavedDrawing] = []
     try:
-        saved.extend(_save(drawing, target) for drawing in FIGURES.get(name)(run))
+        saved.extend(save(drawing, target) for drawing in FIGURES.get(name)(run))
     except NotApplicableError as lacking:
         return FigureOutcome(name, tuple(saved), str(lacking), seconds=time.perf_counter() - start)
     except Exception as error:  # a plug-in figure may raise anything, and the others are still wanted
@@ -69,15 +69,6 @@ def _draw(run: RunView, name: str, target: Path) -> FigureOutcome:
         return FigureOutcome(name, tuple(saved), f"{type(error).__name__}: {error}", True, time.perf_counter() - start)
     reason = "" if saved else "this run holds nothing for it"
     return FigureOutcome(name, tuple(saved), reason, seconds=time.perf_counter() - start)
-
-
-def _save(drawing: Drawing, target: Path) -> SavedDrawing:
-    entry = SavedDrawing(drawing.name, drawing.caption, target)
-    drawing.figure.savefig(entry.png, dpi=200)
-    # Without a date the same run gives the same file.
-    drawing.figure.savefig(entry.pdf, metadata={"CreationDate": None})
-    drawing.data.to_csv(entry.csv, index=False)
-    return entry
 
 
 def build_report(folder: Path, tell: Callable[[FigureOutcome], None] | None = None, *, moving: bool = True) -> Path:

@@ -45,6 +45,19 @@ class SavedDrawing:
         return self.folder / f"{self.name}.csv"
 
 
+def save(drawing: Drawing, folder: Path) -> SavedDrawing:
+    """Write a drawing's PDF, PNG and CSV into ``folder``; the same drawing gives the same files."""
+    from reports.figures.style import style
+
+    entry = SavedDrawing(drawing.name, drawing.caption, folder)
+    # The fonts of a PDF are settled when it is written, not when it is drawn.
+    with style():
+        drawing.figure.savefig(entry.png, dpi=200)
+        drawing.figure.savefig(entry.pdf, metadata={"CreationDate": None})
+    drawing.data.to_csv(entry.csv, index=False)
+    return entry
+
+
 @dataclass(frozen=True)
 class FigureOutcome:
     """What became of one registered figure.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eval.meta.ordering import Ordering
-from reports.drawing import Drawing, SavedDrawing
+from reports.drawing import Drawing, save
 from reports.figures.style import INK, PAGE, new_figure, style
 from reports.tables import arrow
 
@@ -244,10 +244,7 @@ def write_metrics_check(study: Study, folder: Path) -> list[Path]:
 
     folder.mkdir(parents=True, exist_ok=True)
     made = drawing(study)
-    saved = SavedDrawing(NAME, made.caption, folder)
-    made.figure.savefig(saved.png, dpi=200)
-    made.figure.savefig(saved.pdf, metadata={"CreationDate": None})
-    made.data.to_csv(saved.csv, index=False)
+    saved = save(made, folder)
     tables = {folder / f"{NAME}.md": markdown(study), folder / f"{NAME}.tex": latex(study)}
     for path, text in tables.items():
         path.write_text(text, encoding="utf-8")

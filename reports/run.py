@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -55,6 +56,11 @@ class StoredCell:
         return (
             None if item is None else load_extras(self.folder / OUTPUTS / f"{item['stem']}.extras.npz").get("time_map")
         )
+
+    @property
+    def results(self) -> list[str]:
+        """Ids of the source clips that have a result."""
+        return [item["clip_id"] for item in self.items if item["state"] == "ok"]
 
     def item(self, clip_id: str) -> dict[str, Any] | None:
         """What is stored of the transfer of one source clip, or ``None`` where it has no result."""
@@ -237,9 +243,10 @@ class RunView:
         """The source clip to show: see :meth:`showpieces`; ``None`` without results."""
         return next(iter(self.showpieces(task, 1)), None)
 
-    def showpieces(self, task: str, count: int) -> list[str]:
+    def showpieces(self, task: str, count: int, *, among: Container[str] | None = None) -> list[str]:
         """Source clips of different actions that most methods have a result for and that, of those, move most.
 
+        ``among``, where given, are the only ones to choose from.
         The measure of movement is the median over frames of the mean joint speed of the first method's result, in leg lengths
         a second; a median, because the fastest frames of a depth camera's capture are its misses.
         """
@@ -247,7 +254,8 @@ class RunView:
             self._movements[task] = self._most_moving(task)
         chosen: dict[str, str] = {}
         for clip_id, action in self._movements[task]:
-            chosen.setdefault(action, clip_id)
+            if among is None or clip_id in among:
+                chosen.setdefault(action, clip_id)
         return list(chosen.values())[:count]
 
     @cached_property

@@ -19,5 +19,8 @@ def families(methods: Iterable[str]) -> dict[str, list[str]]:
 
 
 def representatives(methods: Iterable[str]) -> list[str]:
-    """One method a family: that without a variant, else the last variant, which by custom has everything switched on."""
-    return [name if name in members else members[-1] for name, members in families(methods).items()]
+    """One method a family: that without a variant, else one with fewest parameters set, as those of ablations are.
+
+    Of several, the last, which by custom has everything switched on.
+    """
+    return [min(reversed(members), key=lambda method: method.count("=")) for members in families(methods).values()]

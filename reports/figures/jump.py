@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.api import NotApplicableError
 from benchmark.motion.clip import MotionClip
 from eval.metrics.jump import knee_angle
 from reports.drawing import Drawing
@@ -126,6 +127,8 @@ def jump_landing(run: RunView) -> list[Drawing]:
                 data=curves_table(case),
             )
         )
+    if not drawings:
+        raise NotApplicableError("no result holds a jump")
     return drawings
 
 

@@ -118,8 +118,9 @@ def _clock(table: pd.DataFrame) -> tuple[str, NDArray[np.float64]]:
 
 
 def panels(found: dict[tuple[str, str], list[tuple[int, pd.DataFrame]]], *, tasks: int) -> Figure:
-    """Draw a panel for each task and method; every repetition is a line."""
-    columns = min(_COLUMNS, len(found))
+    """Draw a panel for each task and method; every repetition is a line, panels of one method share the axis of losses."""
+    # Two tasks make pages of two columns, so that the panels of one method stand side by side.
+    columns = min(2 if tasks == 2 else _COLUMNS, len(found))
     rows = -(-len(found) // columns)
     names = {
         key: list(dict.fromkeys(loss for _, table in repetitions for loss in losses(table)))
@@ -130,24 +131,26 @@ def panels(found: dict[tuple[str, str], list[tuple[int, pd.DataFrame]]], *, task
         tall = [
             max(-(-len(names[key]) // 2) for key in list(found)[r * columns : (r + 1) * columns]) for r in range(rows)
         ]
-        heights = [1.45 + 0.2 + 0.34 + 0.125 * lines for lines in tall]
+        head = 0.2 if tasks == 1 else 0.33
+        heights = [1.45 + head + 0.38 + 0.125 * lines for lines in tall]
         height = sum(heights)
         figure = new_figure(PAGE, height)
         top = height
+        drawn: dict[str, list[Axes]] = {}
         for row in range(rows):
             for column, key in enumerate(list(found)[row * columns : (row + 1) * columns]):
                 width = PAGE / columns
                 axes = figure.add_axes(
-                    ((column * width + 0.42) / PAGE, (top - 0.2 - 1.45) / height, (width - 0.5) / PAGE, 1.45 / height)
+                    ((column * width + 0.42) / PAGE, (top - head - 1.45) / height, (width - 0.5) / PAGE, 1.45 / height)
                 )
                 _panel(axes, found[key], names[key])
                 task, method = key
-                axes.set_title(
-                    method if tasks == 1 else f"{method}, {task.replace(':', ' to ')}", loc="left", fontsize=7.5
-                )
+                drawn.setdefault(method, []).append(axes)
+                lines = [method] if tasks == 1 else [method, task.replace(":", " to ")]
+                axes.set_title("\n".join(lines), loc="left", fontsize=_title_size(lines, width - 0.5))
                 axes.legend(
                     loc="upper left",
-                    bbox_to_anchor=(-0.14, -0.2),
+                    bbox_to_anchor=(-0.26 / (width - 0.5), -0.24),
                     ncols=2,
                     frameon=False,
                     fontsize=5.8,
@@ -158,7 +161,17 @@ def panels(found: dict[tuple[str, str], list[tuple[int, pd.DataFrame]]], *, task
                     borderaxespad=0.0,
                 )
             top -= heights[row]
+        for together in drawn.values():
+            low, high = (pick(axes.get_ylim()[end] for axes in together) for pick, end in ((min, 0), (max, 1)))
+            for axes in together:
+                axes.set_ylim(low, high)
+                _plain_ticks(axes)
     return figure
+
+
+def _title_size(lines: list[str], width: float) -> float:
+    """Points at which the lines fit ``width`` inches: a letter is 0.62 of its size wide."""
+    return min(7.5, 72.0 * width / (0.62 * max(map(len, lines))))
 
 
 def _panel(axes: Axes, repetitions: list[tuple[int, pd.DataFrame]], names: list[str]) -> None:
@@ -177,13 +190,12 @@ def _panel(axes: Axes, repetitions: list[tuple[int, pd.DataFrame]], names: list[
             label = spelled(loss) if index == 0 else None
             axes.plot(clock, line, color=colour, linewidth=1.1, linestyle=dash, zorder=2, label=label)
     axes.set_yscale("log")
-    _plain_ticks(axes)
     axes.yaxis.grid(True, color=FAINT, linewidth=0.4)
     axes.set_axisbelow(True)
     axes.tick_params(axis="y", which="minor", left=False)
+    axes.locator_params(axis="x", nbins=5)
     axes.set_xlabel(_clock(repetitions[0][1])[0], fontsize=6.5, labelpad=1.0)
-    axes.xaxis.set_label_coords(1.0, -0.11)
-    axes.xaxis.label.set(ha="right", color=MUTED)
+    axes.xaxis.label.set(color=MUTED)
     axes.tick_params(labelsize=6, colors=INK)
     axes.margins(x=0.01)
 
@@ -194,7 +206,7 @@ def _plain_ticks(axes: Axes) -> None:
 
     low, high = axes.get_ylim()
     decades = float(np.log10(high / low))
-    subs = (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+    subs = (1.0,) if decades >= 2.0 else (1.0, 2.0, 5.0) if decades >= 0.7 else tuple(np.arange(2, 20) / 2.0)
     axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=9))
     if decades < 4.0:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -1,7 +1,7 @@
 """Bodies with volume on a page: parts as hulls of spheres, seen in perspective, shaded, sorted by depth, with a soft shadow.
 
-Everything is a flat polygon, so that figures stay vector graphics: a part is its outline and a few smaller and lighter copies
-of itself towards the light, a shadow is the parts thrown on the floor in a few sizes.
+Bodies are flat polygons, so that figures stay vector graphics: a part is its outline and a few smaller and lighter copies of
+itself towards the light. A shadow is the parts thrown on the floor in a few sizes; a PDF holds it as a picture.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ _SHADOW = ((1.7, "#ebebea"), (1.0, "#d6d6d5"))
 _SUN = (0.30, -0.12)
 
 #: Corners of a circle; an arc of a limb has half as many.
-_CIRCLE, _LIMB = 24, 7
+_CIRCLE, _LIMB = 24, 5
+#: Points of print to which corners are rounded; a printer's dot at 600 an inch is 0.12 points wide.
+_GRID = 0.1
 _ARC = np.linspace(-1.0, 1.0, _LIMB)
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, _CIRCLE, endpoint=False)
 _RIM = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=-1)
@@ -271,8 +273,17 @@ def _shadows(skeleton: Skeleton, points: Array, camera: Camera) -> tuple[tuple[A
 
 
 def draw(axes: Axes, poses: Sequence[tuple[Seen, float]]) -> None:
-    """Draw poses with their places at ``x`` of the page: all shadows, then bodies from left to right."""
+    """Draw poses with their places at ``x`` of the page: all shadows, then bodies from left to right.
+
+    The limits and the place of the axes must be settled: corners are rounded on the page, without which a strip's PDF would be
+    several times as large.
+    """
     from matplotlib.collections import PolyCollection
+    from matplotlib.transforms import Affine2D
+
+    figure = axes.figure
+    grid = figure.dpi / 72.0 * _GRID
+    from_grid = Affine2D().scale(_GRID / 72.0) + figure.dpi_scale_trans
 
     shadows = [
         (shape + [at, 0.0], grey)
@@ -283,11 +294,20 @@ def draw(axes: Axes, poses: Sequence[tuple[Seen, float]]) -> None:
     ]
     bodies = [(shape + [at, 0.0], colour) for seen, at in poses for shape, colour in seen.bodies]
     for shapes, order in ((shadows, 1), (bodies, 2)):
-        axes.add_collection(
-            PolyCollection(
-                [shape for shape, _ in shapes], facecolors=[colour for _, colour in shapes], linewidths=0, zorder=order
+        if shapes:
+            corners = np.round(axes.transData.transform(np.concatenate([shape for shape, _ in shapes])) / grid)
+            ends = np.cumsum([len(shape) for shape, _ in shapes])[:-1]
+            axes.add_collection(
+                PolyCollection(
+                    np.split(corners, ends),
+                    facecolors=[colour for _, colour in shapes],
+                    linewidths=0,
+                    zorder=order,
+                    transform=from_grid,
+                    rasterized=order == 1,
+                ),
+                autolim=False,
             )
-        )
 
 
 def floor(axes: Axes, left: float, right: float, camera: Camera, *, depth: float) -> None:

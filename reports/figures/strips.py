@@ -130,13 +130,13 @@ def strip(columns: Sequence[Sequence[Row | None]], *, heads: Sequence[str] = (),
             for index, (line, size) in enumerate(zip(column.lines, sizes, strict=True)):
                 top -= 0.06 if index in rules else 0.0
                 axes = figure.add_axes((left / PAGE, (top - size) / height, width / PAGE, size / height))
+                axes.set_xlim(0.0, width / scale)
+                axes.set_ylim(depths[index], heights[index])
                 floor(axes, 0.0, width / scale, camera, depth=_FLOOR)
                 if line is None:
                     axes.text(0.5, 0.5, "no result", transform=axes.transAxes, ha="center", fontsize=6, color=MUTED)
                 else:
                     draw(axes, list(zip(line, at, strict=False)))
-                axes.set_xlim(0.0, width / scale)
-                axes.set_ylim(depths[index], heights[index])
                 axes.axis("off")
                 if number == 0:
                     _label(figure, named[index], (top - 0.5 * size) / height, height, span=len(drawn) == 1)

@@ -53,8 +53,6 @@ def looks(methods: Iterable[str], *, floor: str, real: str) -> dict[str, Look]:
 _RC: dict[Any, Any] = {
     "figure.dpi": 100,
     "savefig.dpi": 200,
-    "savefig.bbox": "tight",
-    "savefig.pad_inches": 0.03,
     "font.size": 8,
     "font.family": "DejaVu Sans",
     "axes.titlesize": 8,
@@ -68,7 +66,9 @@ _RC: dict[Any, Any] = {
     "axes.linewidth": 0.6,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
+    # TrueType: publishers refuse type 3.
     "pdf.fonttype": 42,
+    "pdf.compression": 9,
     "svg.hashsalt": "motion-style-benchmark",
 }
 

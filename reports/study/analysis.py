@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eval.ratings.reading import read_ratings, read_stimuli
-from reports.drawing import SavedDrawing
+from reports.drawing import save
 from reports.ratings import STATS, Written, analyse_ratings
 from reports.study.export import Exported, export_ratings, export_stimuli
 from reports.study.layout import StudyFolder
@@ -69,8 +69,5 @@ def draw_ratings(folder: Path, styles: tuple[str, str], source: str) -> tuple[Pa
         return ()
     target = folder / "figures"
     target.mkdir(exist_ok=True)
-    saved = SavedDrawing(drawing.name, drawing.caption, target)
-    drawing.figure.savefig(saved.png, dpi=200)
-    drawing.figure.savefig(saved.pdf, metadata={"CreationDate": None})
-    drawing.data.to_csv(saved.csv, index=False)
+    saved = save(drawing, target)
     return saved.png, saved.pdf, saved.csv

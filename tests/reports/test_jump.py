@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmark.api import NotApplicableError
 from benchmark.data.synthetic import SyntheticDataset
 from eval.metrics.jump import arm_swing, find_jump, knee_angle, landing_duration, lowest_knee_bend
 from reports.build import build_report, draw_figures
@@ -213,6 +214,8 @@ def test_runs_without_jumps_have_no_such_figure(jumped, tmp_path):
     for path in folder.glob("cells/*/items.json"):
         path.write_text(path.read_text().replace(f'"{ACTION}"', '"walk"'))
     run = RunView(folder)
-    assert jump_cases(run, TASK) == [] and jump_landing(run) == []
+    assert jump_cases(run, TASK) == []
+    with pytest.raises(NotApplicableError, match="no result holds a jump"):
+        jump_landing(run)
     build_report(folder)
     assert not list(folder.glob("tables/jump-*")) and not list(folder.glob("figures/jump-*"))
