@@ -34,9 +34,16 @@ _ROW, _TITLE, _AXIS = 0.145, 0.34, 0.25
 
 
 def variants_of(methods: Iterable[str]) -> dict[str, list[str]]:
-    """Methods that are there plain and with settings: ``name`` to all ``name[...]``, in order."""
+    """Methods that are there with further settings: ``name`` to all ``name[...]``, ``name[a]`` to ``name[a,...]``, in order.
+
+    A variant of several belongs to the one that it shares most settings with.
+    """
     names = list(dict.fromkeys(methods))
-    found = {base: [name for name in names if name.startswith(f"{base}[") and name.endswith("]")] for base in names}
+    found: dict[str, list[str]] = {base: [] for base in names}
+    for name in names:
+        bases = [base for base in names if name.startswith(f"{base[:-1]}," if base.endswith("]") else f"{base}[")]
+        if bases and name.endswith("]"):
+            found[max(bases, key=len)].append(name)
     return {base: variants for base, variants in found.items() if variants}
 
 
@@ -99,8 +106,8 @@ def forest(table: pd.DataFrame, meanings: dict[str, tuple[str, str]]) -> Figure:
         lines += [(str(base), None), *((str(base), str(name)) for name in dict.fromkeys(part["variant"]))]
     columns = min(_COLUMNS, len(metrics))
     rows = -(-len(metrics) // columns)
-    names = [name.removeprefix(base)[1:-1] if name else base for base, name in lines]
-    margin = 0.1 + 0.055 * max(map(len, names))
+    names = [name[len(base.removesuffix("]")) + 1 : -1] if name else base for base, name in lines]
+    margin = 0.1 + 0.06 * max(map(len, names))
     panel = _TITLE + _ROW * len(lines) + _AXIS
     gap = 0.16
     each = (PAGE - margin - 0.05 - gap * (columns - 1)) / columns

@@ -9,7 +9,7 @@ import numpy as np
 from reports.comparison import COMPARISON, RANKS
 from reports.drawing import Drawing
 from reports.figures.headline import headline_metrics
-from reports.figures.style import FAINT, INK, PAGE, RIGHT, new_figure, style
+from reports.figures.style import FAINT, INK, PAGE, RIGHT, fitted, new_figure, style
 from reports.ratings import STATS
 from reports.run import RunView
 from reports.tables import arrow
@@ -76,9 +76,10 @@ def diagram(
     rows: list[Any] = sorted(table.itertuples(), key=lambda row: (row.mean_rank, labels[row.method]))
     k, cd, p = len(rows), float(rows[0].cd), float(rows[0].p)
     half = (k + 1) // 2
+    names = _names(labels, width)
+    step = _step(names)
     margins = [
-        max([len(labels[row.method]) for row in part], default=0) * _WIDTH_OF_LETTER + 0.12
-        for part in (rows[:half], rows[half:])
+        max([_longest(*names[row.method]) for row in part], default=0.0) + 0.12 for part in (rows[:half], rows[half:])
     ]
     left, right = margins[0], width - margins[1]
     axes.set(xlim=(0, width), ylim=(height, 0))
@@ -115,14 +116,15 @@ def diagram(
     for index, row in enumerate(rows):
         on_left = index < half
         # The outermost ranks have the shortest way down, so that no two lines cross.
-        y = first + (index if on_left else k - 1 - index) * _LABEL
+        y = first + (index if on_left else k - 1 - index) * step
         end = left - 0.04 if on_left else right + 0.04
         draw([at(row.mean_rank)] * 2 + [end], [line, y, y], linewidth=0.6)
         axes.text(
             end + (-0.04 if on_left else 0.04),
             y,
-            labels[row.method],
-            fontsize=6.2,
+            names[row.method][0],
+            fontsize=names[row.method][1],
+            linespacing=0.95,
             va="center",
             ha="right" if on_left else "left",
         )
@@ -132,6 +134,21 @@ def diagram(
     axes.text(width, 0.08, note, fontsize=5.8, color="#666666", va="center", ha="right")
 
 
+def _names(labels: dict[str, str], width: float) -> dict[str, tuple[str, float]]:
+    """Names with their sizes, so long at most that the axis of ranks keeps two fifths of the ``width`` in inches."""
+    return {method: fitted(label, 0.3 * width - 0.12, 6.2) for method, label in labels.items()}
+
+
+def _step(names: dict[str, tuple[str, float]]) -> float:
+    """Inches from one name to the next below it."""
+    return _LABEL * (1.5 if any("\n" in text for text, _ in names.values()) else 1.0)
+
+
+def _longest(text: str, size: float) -> float:
+    """Inches that a name of that size takes."""
+    return max(map(len, text.split("\n"))) * _WIDTH_OF_LETTER * size / 6.2
+
+
 def diagrams(table: pd.DataFrame, labels: dict[str, str]) -> Figure:
     """One diagram for each metric of ``table``, two beside each other where methods are few."""
     metrics = list(dict.fromkeys(table["metric"]))
@@ -139,9 +156,9 @@ def diagrams(table: pd.DataFrame, labels: dict[str, str]) -> Figure:
     columns = 2 if most <= _NARROW and len(metrics) > 1 else 1
     rows = -(-len(metrics) // columns)
     deepest = max(max(levels(bars(part)), default=0) + 1 for _, part in table.groupby("metric", sort=False))
-    height = _HEAD + 0.12 + deepest * _BAR + (most + 1) // 2 * _LABEL + 0.1
     gutter = 0.25
     width = (PAGE - gutter * (columns - 1)) / columns
+    height = _HEAD + 0.12 + deepest * _BAR + (most + 1) // 2 * _step(_names(labels, width)) + 0.1
     with style():
         figure = new_figure(PAGE, rows * height)
         for index, metric in enumerate(metrics):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reports.drawing import Drawing
-from reports.figures.style import FAINT, INK, PAGE, REAL, new_figure, style
+from reports.figures.style import FAINT, INK, PAGE, REAL, fitted, name_rows, new_figure, style
 from reports.run import RunView
 from reports.tables import by_group, with_values
 
@@ -51,7 +51,8 @@ def dots(table: pd.DataFrame, *, real: str) -> Figure:
                 continue
             part = table[table["metric"] == metrics[index]].set_index("method")
             first = part.iloc[0]
-            axes.set_title(_panel_title(metrics[index], first["unit"], first["direction"]), loc="left", fontsize=7)
+            name = _panel_title(metrics[index], first["unit"], first["direction"])
+            axes.set_title(name, loc="left", fontsize=fitted(name, 1.5, 7.0)[1])
             # One artist for all methods: a page of panels has hundreds of dots.
             axes.hlines(
                 range(len(methods)), 0, 1, transform=axes.get_yaxis_transform(), color=FAINT, linewidth=0.5, zorder=0
@@ -77,7 +78,9 @@ def dots(table: pd.DataFrame, *, real: str) -> Figure:
             if first["direction"] == "target" and np.isfinite(first["target"]):
                 axes.axvline(first["target"], color=INK, linewidth=0.7, linestyle=(0, (2, 2)))
             axes.set_ylim(len(methods) - 0.5, -0.5)
-            axes.set_yticks(range(len(methods)), [labels[m] for m in methods] if index % _COLUMNS == 0 else [])
+            axes.set_yticks(range(len(methods)), [])
+            if index % _COLUMNS == 0:
+                name_rows(axes, range(len(methods)), [labels[method] for method in methods], 1.3)
             axes.tick_params(axis="y", length=0)
             axes.locator_params(axis="x", nbins=4)
             axes.margins(x=0.08)

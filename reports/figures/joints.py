@@ -16,7 +16,7 @@ from benchmark.motion.skeleton import ROLES, SIDES
 from eval.metrics.content import compared_joints, facing_rotations
 from eval.metrics.shared import stride
 from reports.drawing import Drawing
-from reports.figures.style import INK, MUTED, PAGE, new_figure, style
+from reports.figures.style import INK, MUTED, PAGE, name_rows, new_figure, style
 from reports.run import FLOOR, RunView, StoredCell
 
 if TYPE_CHECKING:
@@ -128,9 +128,9 @@ def heat_map(table: pd.DataFrame, *, real: str) -> Figure:
     labels = dict(zip(table["method"], table["label"], strict=True))
     with style():
         width = min(PAGE, 1.3 + 0.6 + 0.265 * len(joints))
-        height = 0.72 + 0.235 * len(methods)
+        height = 0.75 + 0.235 * len(methods)
         figure = new_figure(width, height)
-        axes = figure.add_axes((1.2 / width, 0.03 / height, (width - 1.75) / width, (height - 0.72) / height))
+        axes = figure.add_axes((1.2 / width, 0.06 / height, (width - 1.75) / width, (height - 0.75) / height))
         # Real performers differ by more than any method; the scale is the methods' own, so that these can be told apart.
         own = values[[method != real for method in methods]]
         top = float(np.nanpercentile(own, 98)) if np.isfinite(own).any() else float(np.nanmax(values))
@@ -152,7 +152,7 @@ def heat_map(table: pd.DataFrame, *, real: str) -> Figure:
             range(len(joints)), [role.replace("_", " ") for role in joints], rotation=60, ha="left", fontsize=6
         )
         axes.xaxis.tick_top()
-        axes.set_yticks(range(len(methods)), [labels[method] for method in methods])
+        name_rows(axes, range(len(methods)), [labels[method] for method in methods], 1.13)
         axes.tick_params(length=0, pad=2)
         for spine in axes.spines.values():
             spine.set_visible(False)
@@ -160,7 +160,7 @@ def heat_map(table: pd.DataFrame, *, real: str) -> Figure:
         axes.set_yticks(np.arange(len(methods) + 1) - 0.5, minor=True)
         axes.grid(which="minor", color="white", linewidth=1.0)
         axes.tick_params(which="minor", length=0)
-        bar = figure.add_axes(((width - 0.45) / width, 0.03 / height, 0.09 / width, (height - 0.72) / height))
+        bar = figure.add_axes(((width - 0.45) / width, 0.06 / height, 0.09 / width, (height - 0.75) / height))
         figure.colorbar(image, cax=bar, extend="max" if np.nanmax(values) > top else "neither")
         bar.tick_params(labelsize=5.5, length=2, colors=MUTED)
         bar.set_title("deg", fontsize=6, loc="left")

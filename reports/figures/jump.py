@@ -11,7 +11,7 @@ from benchmark.api import NotApplicableError
 from benchmark.motion.clip import MotionClip
 from eval.metrics.jump import knee_angle
 from reports.drawing import Drawing
-from reports.figures.style import FAINT, INK, LEFT, PAGE, REAL, new_figure, style
+from reports.figures.style import FAINT, INK, LEFT, PAGE, REAL, fitted, new_figure, style
 from reports.jumps import CLAIMS, JumpCase, JumpRow, jump_cases
 from reports.run import RunView
 
@@ -72,13 +72,15 @@ def landing(case: JumpCase) -> Figure:
     methods = case.of("method")
     real = [row for row in _drawn(case) if row.role != "method"]
     rows: list[JumpRow | None] = ([None] if real else []) + list(methods)
+    from matplotlib.transforms import blended_transform_factory
+
     with style():
         height = _HEAD + _ROW_HEIGHT * len(rows) + _FOOT
         figure = new_figure(PAGE, height)
         grid = figure.subplots(len(rows), len(_PANELS), squeeze=False, sharex=True, sharey="col")
         figure.subplots_adjust(
             left=(_LABEL_WIDTH + 0.3) / PAGE,
-            right=0.995,
+            right=0.985,
             bottom=_FOOT / height,
             top=1.0 - _HEAD / height,
             wspace=0.24,
@@ -97,8 +99,10 @@ def landing(case: JumpCase) -> Figure:
                     _curve(axes, row, column, faint=False)
                     _verdict(axes, case, row, column)
                 axes.locator_params(axis="y", nbins=4)
-            label = "real" if row is None else row.label.replace("[", "\n[")
-            line[0].text(-0.34, 0.5, label, transform=line[0].transAxes, ha="right", va="center", fontsize=7.5)
+            label, size = ("real", 7.5) if row is None else fitted(row.label, _LABEL_WIDTH - 0.1, 7.5)
+            figure_x = (_LABEL_WIDTH - 0.06) / PAGE
+            place = blended_transform_factory(figure.transFigure, line[0].transAxes)
+            line[0].text(figure_x, 0.5, label, transform=place, ha="right", va="center", fontsize=size)
         for axes, (title, *_) in zip(grid[0], _PANELS.values(), strict=True):
             axes.set_title(title, loc="left", fontsize=7.5)
         grid[-1, 1].set_xlabel("seconds from touchdown")
@@ -247,9 +251,13 @@ def _legend(figure: Figure, real: list[JumpRow], methods: bool) -> None:
     from matplotlib.lines import Line2D
 
     entries: dict[str, Line2D] = {}
+    trained = list(dict.fromkeys(row.label for row in real if row.role == "trained on"))
     for row in real:
+        # All performers trained on look the same, so several share an entry.
+        many = row.role == "trained on" and len(trained) > 1
+        label = f"{len(trained)} performers" if many else row.label
         suffix = " (input)" if row.role == "source" else " (trained on)"
-        entries.setdefault(row.label + suffix, Line2D([], [], **_look(row)))
+        entries.setdefault(label + suffix, Line2D([], [], **_look(row)))
     if methods:
         entries["method"] = Line2D([], [], color=LEFT, linewidth=1.3)
     for name, sign in (("take-off", "^"), ("lowest point", "o")):

@@ -206,7 +206,7 @@ def _plain_ticks(axes: Axes) -> None:
 
     low, high = axes.get_ylim()
     decades = float(np.log10(high / low))
-    subs = (1.0,) if decades >= 2.0 else (1.0, 2.0, 5.0) if decades >= 0.7 else tuple(np.arange(2, 20) / 2.0)
+    subs = (1.0,) if decades >= 2.0 else (1.0, 2.0, 5.0) if decades >= 0.7 else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
     axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=9))
     if decades < 4.0:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

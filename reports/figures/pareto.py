@@ -17,6 +17,7 @@ from reports.run import FLOOR, RunView
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUALITY = ("recognition/p-target-temporal", "style/d-s", "distribution/frechet-kinematic", "style/pose-distance")
@@ -84,7 +85,7 @@ def pareto(run: RunView, task: str, table: pd.DataFrame) -> Figure:
         width = PAGE if len(metrics) > 1 else 0.6 * PAGE
         figure = new_figure(width, 3.0)
         grid = figure.subplots(1, len(metrics), squeeze=False)[0]
-        figure.subplots_adjust(left=0.5 / width, right=1.0 - 0.05 / width, bottom=0.15, top=0.97, wspace=0.22)
+        figure.subplots_adjust(left=0.58 / width, right=1.0 - 0.14 / width, bottom=0.15, top=0.97, wspace=0.26)
         for axes, metric in zip(grid, metrics, strict=True):
             part = table[table["metric"] == metric]
             axes.set_xscale("log")
@@ -121,8 +122,19 @@ def pareto(run: RunView, task: str, table: pd.DataFrame) -> Figure:
             axes.margins(x=0.12, y=0.1)
             axes.set_xlabel("seconds to fit and to transfer the test clips ←")
             axes.set_ylabel(title(metric, part["direction"].iloc[0]))
+            _plain_ticks(axes)
             place(axes, points)
     return figure
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """Seconds as plain numbers, between powers of ten too where there are fewer than two."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_xlim()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,), numticks=9))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def cost_quality(run: RunView) -> list[Drawing]:

@@ -74,7 +74,7 @@ def plane(table: pd.DataFrame, *, floor: str, real: str) -> Figure:
         width = PAGE if len(metrics) > 1 else 0.6 * PAGE
         figure = new_figure(width, 3.1)
         grid = figure.subplots(1, len(metrics), squeeze=False)[0]
-        figure.subplots_adjust(left=0.5 / width, right=1.0 - 0.05 / width, bottom=0.14, top=0.97, wspace=0.2)
+        figure.subplots_adjust(left=0.58 / width, right=1.0 - 0.05 / width, bottom=0.14, top=0.97, wspace=0.2)
         for axes, metric in zip(grid, metrics, strict=True):
             part = table[table["style_metric"] == metric]
             for anchor in (floor, real):

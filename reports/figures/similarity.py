@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmark.api import NotApplicableError
 from reports.drawing import Drawing
-from reports.figures.style import FAINT, INK, MUTED, PAGE, REAL, new_figure, style
+from reports.figures.style import FAINT, INK, MUTED, PAGE, REAL, fitted, name_rows, new_figure, style
 from reports.figures.values import INTERVALS, clips_line, metric_table
 from reports.run import RunView
 
@@ -62,7 +62,7 @@ def similarity(tables: dict[str, pd.DataFrame], *, real: str) -> Figure:
                 axes.set_title(title, loc="left", fontsize=7)
             if len(tables) > 1:
                 _head(line[0], task.replace(":", " to "))
-            line[0].set_yticks(range(len(methods[task])), [labels[method] for method in methods[task]])
+            name_rows(line[0], range(len(methods[task])), [labels[method] for method in methods[task]], 1.18)
         handles = {}
         for axes in grid[0]:
             handles.update({name: bar for bar, name in zip(*axes.get_legend_handles_labels(), strict=True)})
@@ -83,7 +83,7 @@ def similarity(tables: dict[str, pd.DataFrame], *, real: str) -> Figure:
 
 def _head(axes: Axes, task: str) -> None:
     """Name the task at the head of the margin that holds the methods' names, which is 1.2 inches wide."""
-    size = 7.0 * min(1.0, 21 / len(task))
+    _, size = fitted(task, 1.2, 7.0)
     axes.annotate(
         task, (0.0, 1.0), (-4, 4), xycoords="axes fraction", textcoords="offset points", ha="right", fontsize=size
     )

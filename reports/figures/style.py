@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: Width of one column and of a full page, inches.
@@ -71,6 +72,33 @@ _RC: dict[Any, Any] = {
     "pdf.compression": 9,
     "svg.hashsalt": "motion-style-benchmark",
 }
+
+
+#: Width of a letter as a share of its size: no text of the house's font is wider on average, some capitals aside.
+_LETTER = 0.62
+
+
+def fitted(name: str, inches: float, size: float) -> tuple[str, float]:
+    """A method's name for a margin so many ``inches`` wide: its variant on a second line, smaller, if need be.
+
+    Returns
+    -------
+    tuple of str and float
+        The text and its size in points, at most ``size``.
+    """
+    room = 72.0 * inches / _LETTER
+    text = name if len(name) * size <= room else name.replace("[", "\n[", 1)
+    return text, min(size, room / max(map(len, text.split("\n"))))
+
+
+def name_rows(axes: Axes, at: Sequence[float], names: Sequence[str], inches: float, size: float = 7.0) -> None:
+    """Name the rows of axes at heights ``at`` in a margin so many ``inches`` wide."""
+    texts = [fitted(name, inches, size) for name in names]
+    axes.set_yticks(list(at), [text for text, _ in texts])
+    for label, (text, points) in zip(axes.get_yticklabels(), texts, strict=True):
+        # Two lines must not reach into the next row.
+        label.set_fontsize(min(points, 5.5) if "\n" in text else points)
+        label.set_linespacing(0.95)
 
 
 @contextmanager

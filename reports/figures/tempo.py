@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmark.api import NotApplicableError
 from reports.drawing import Drawing
-from reports.figures.style import FAINT, INK, MUTED, PAGE, REAL, looks, new_figure, style
+from reports.figures.style import FAINT, INK, MUTED, PAGE, REAL, looks, name_rows, new_figure, style
 from reports.run import FLOOR, RunView
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def ridges(table: pd.DataFrame, methods: list[str], labels: dict[str, str], *, r
                 values = part.loc[part["method"] == method, "value"].to_numpy(dtype=float)
                 _ridge(axes, values, bins, len(methods) - 1 - row, REAL if method == real else seen[method].colour)
             axes.set_xscale("log", base=2)
-            axes.set_xlim(bins[0], bins[-1])
+            # At the right there is room for the counts.
+            axes.set_xlim(bins[0], bins[-1] * (bins[-1] / bins[0]) ** 0.12)
             shown = [[tick for tick in ticks if bins[0] <= tick <= bins[-1]] for ticks in _TICKS]
             ticks = next((ticks for ticks in shown if 3 <= len(ticks) <= 8), shown[-1])
             axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -83,7 +84,8 @@ def ridges(table: pd.DataFrame, methods: list[str], labels: dict[str, str], *, r
             axes.set_ylim(-0.12, len(methods) + 0.05)
             axes.spines["left"].set_visible(False)
             axes.tick_params(axis="y", length=0)
-        grid[0].set_yticks(np.arange(len(methods))[::-1] + 0.25, [labels[method] for method in methods])
+        at = [len(methods) - 0.75 - row for row in range(len(methods))]
+        name_rows(grid[0], at, [labels[method] for method in methods], 1.12)
     return figure
 
 
