@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 
 #: Directions in which a name may stand from its point, the ones that read best first, and distances in points.
 _DIRECTIONS = np.deg2rad([0, 45, -45, 180, 135, -135, 90, -90, 22, -22, 158, -158, 68, -68, 112, -112])
-_DISTANCES = (5.0, 9.0, 14.0, 20.0, 27.0, 35.0, 45.0)
+_DISTANCES = (5.0, 9.0, 14.0, 20.0, 27.0, 35.0, 45.0, 60.0, 80.0, 105.0)
 #: Half the side of a marker, points.
 _MARKER = 3.2
+#: More points than this have smaller names.
+_MANY = 10
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,9 @@ def place(axes: Axes, points: Sequence[Named], *, size: float = 6.5) -> list[Tex
     axes.set_xlim(axes.get_xlim())
     axes.set_ylim(axes.get_ylim())
     points = _merged(axes, points)
+    if len(points) > _MANY:
+        # Smaller, so that more names find a place.
+        size *= max(0.7, (_MANY / len(points)) ** 0.5)
     renderer = axes.figure.canvas.get_renderer()  # type: ignore[attr-defined]
     unit = axes.figure.dpi / 72.0
     frame = axes.get_window_extent(renderer)
