@@ -161,11 +161,10 @@ def _heading(clip: MotionClip, sigma: float) -> Array:
     pairs = [pair for pair in (("left_hip", "right_hip"), ("left_shoulder", "right_shoulder")) if skeleton.has(*pair)]
     for left, right in pairs or [("left_hip", "right_hip")]:
         across += positions[:, skeleton.joint(left)] - positions[:, skeleton.joint(right)]
-    width = np.linalg.norm(across, axis=-1, keepdims=True)
-    across = across / np.where(width > 0, width, 1.0)
+    width = np.sqrt(np.einsum("ti,ti->t", across, across))
     # across x up with up = (0, 1, 0). Not normalised: frames seen nearly side-on from above count for less when smoothed.
-    forward = np.stack([-across[:, 2], across[:, 0]], axis=-1)
-    usable = np.linalg.norm(forward, axis=-1) > 1e-6
+    forward = across[:, [2, 0]] * [-1.0, 1.0] / np.where(width > 0, width, 1.0)[:, None]
+    usable = np.einsum("ti,ti->t", forward, forward) > 1e-12
     if not usable.all():
         last = np.maximum.accumulate(np.where(usable, np.arange(len(clip)), -1))
         first = int(np.argmax(usable)) if usable.any() else 0
@@ -177,9 +176,13 @@ def _heading(clip: MotionClip, sigma: float) -> Array:
 
         smooth = gaussian_filter1d(forward, sigma * clip.fps, axis=0, mode="nearest")
         # Opposite directions cancel in a fast spin: there the plain direction is all there is.
-        strong = np.linalg.norm(smooth, axis=-1, keepdims=True) > 1e-3
-        forward = np.where(strong, smooth, forward)
-    return np.unwrap(np.arctan2(forward[:, 0], forward[:, 1]))
+        weak = np.einsum("ti,ti->t", smooth, smooth) <= 1e-6
+        if weak.any():
+            smooth[weak] = forward[weak]
+        forward = smooth
+    yaw = np.arctan2(forward[:, 0], forward[:, 1])
+    # Most clips never face backwards, where angles jump.
+    return yaw if np.ptp(yaw) < np.pi else np.unwrap(yaw)
 
 
 def floor_height(clip: MotionClip) -> float:

@@ -112,12 +112,14 @@ class MotionClip:
             raise ContractError(f"root must have shape ({frames}, 3), not {root.shape}")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise ContractError(f"fps must be positive, not {self.fps}")
-        for name, array in (("rotations", rotations), ("root", root)):
-            if not np.all(np.isfinite(array)):
+        length = np.einsum("tji,tji->tj", rotations, rotations)
+        # Where a number is not finite, neither is the length.
+        unit = bool(np.max(np.abs(length - 1.0)) <= 1e-6)
+        for name, array, checked in (("rotations", rotations, unit), ("root", root, False)):
+            if not checked and not np.all(np.isfinite(array)):
                 where = np.argwhere(~np.isfinite(array))[0]
                 raise ContractError(f"{name} holds {array[tuple(where)]} at index {tuple(int(i) for i in where)}")
-        length = np.einsum("tji,tji->tj", rotations, rotations)
-        if np.max(np.abs(length - 1.0)) > 1e-6:
+        if not unit:
             t, j = np.unravel_index(int(np.argmax(np.abs(length - 1.0))), length.shape)
             raise ContractError(
                 f"rotation of joint {self.skeleton.names[j]!r} at frame {t} has length {np.sqrt(length[t, j]):.6g}, "

@@ -42,6 +42,11 @@ _WIDE = 0.02
 #: (they all lie on one line) and is far below what 1e-9 m can show.
 _PRIOR = 1e-13
 
+#: Wahba's problem with weights that sum to 1 is solved without LAPACK after so many steps of Newton's method, if the last was
+#: shorter than ``_SETTLED``, the product of the distances to the other eigenvalues is at least ``_APART``, and the square of
+#: the cosine of half of the turn is at least ``_NARROW``.
+_NEWTON, _SETTLED, _APART, _NARROW = 5, 1e-9, 0.05, 0.1
+
 
 def rotations_from_positions(skeleton: Skeleton, positions: ArrayLike) -> tuple[Array, Array, Array]:
     """Local rotations that put a rigid skeleton on measured joint positions.
@@ -145,12 +150,11 @@ def aim_bones(skeleton: Skeleton, rotations: ArrayLike, positions: ArrayLike) ->
                 then = _wanted(then, now)
             turned[:, aim.one] = quat.mul(_arc(now, then), start)
         for at, children in aim.several:
-            now = quat.rotate(turned[:, at, None], skeleton.offsets[children])
-            then = bones[:, children]
+            now = quat.rotate(turned[:, at, None], rest[children])
+            then = aimed_at[:, children]
             if not known:
                 then = _wanted(then, now)
-            weights = np.broadcast_to(skeleton.bone_lengths[children], now.shape[:-1])
-            turned[:, at] = quat.mul(match_directions(now, then, weights=weights), turned[:, at])
+            turned[:, at] = quat.mul(_match(now, then, skeleton.bone_lengths[children]), turned[:, at])
         world[:, aim.joints] = turned
     aimed = given.copy()
     turning = np.concatenate([aim.turning for aim in aims]).astype(np.int64)
@@ -260,10 +264,58 @@ def match_directions(rest: ArrayLike, target: ArrayLike, *, weights: ArrayLike |
     (..., 4) unit quaternions with ``w >= 0``.
     """
     a, b = _unit(rest), _unit(target)
-    w = np.ones(a.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64)
-    profile = np.swapaxes(w[..., None] * b, -1, -2) @ a
-    scale = np.maximum(np.sum(w, axis=-1), _SHORTEST)
+    return _match(a, b, np.ones(a.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64))
+
+
+def _match(rest: Array, target: Array, weights: Array) -> Array:
+    """:func:`match_directions` of vectors that are of unit length, or zero.
+
+    The largest eigenvalue by Newton's method on the characteristic polynomial, from the sum of the weights, which it cannot
+    exceed, and the eigenvector as a column of the adjugate (QUEST: Shuster & Oh 1981, "Three-axis attitude determination from
+    vector observations"). Where another eigenvalue is near or the turn is wide, either loses digits, and LAPACK is asked.
+    """
+    profile = np.swapaxes(weights[..., None] * target, -1, -2) @ rest
+    scale = np.maximum(np.sum(weights, axis=-1), _SHORTEST)
     profile = profile + (_PRIOR * scale)[..., None, None] * np.eye(3)
+    shape = profile.shape[:-2]
+    profile = (profile / scale[..., None, None]).reshape(-1, 3, 3)
+    rotations, sure = _quest(profile)
+    if not sure.all():
+        rotations[~sure] = _davenport(profile[~sure])
+    return rotations.reshape(*shape, 4)
+
+
+def _quest(profile: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Rotations (N, 4) that maximise the trace with profiles (N, 3, 3) of weights that sum to 1, and which are exact."""
+    both = profile + profile.transpose(0, 2, 1)
+    (a, d, e), (_, b, f), (_, _, c) = both.transpose(1, 2, 0)
+    trace = 0.5 * (a + b + c)
+    skew = profile[:, [2, 0, 1], [1, 2, 0]] - profile[:, [1, 2, 0], [2, 0, 1]]
+    once = np.einsum("nij,nj->ni", both, skew)
+    twice = np.einsum("nij,nj->ni", both, once)
+    squared = trace * trace
+    minors = 2.0 * squared - 0.5 * np.einsum("nij,nij->n", both, both)
+    determinant = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - e * b)
+    first, second = squared - minors, squared + np.einsum("ni,ni->n", skew, skew)
+    quadratic, linear = first + second, determinant + np.einsum("ni,ni->n", skew, once)
+    constant = first * second + linear * trace - np.einsum("ni,ni->n", skew, twice)
+    largest = np.full(len(profile), 1.0 + 3.0 * _PRIOR)
+    for _ in range(_NEWTON):
+        square = largest * largest
+        slope = (4.0 * square - 2.0 * quadratic) * largest - linear
+        step = ((square - quadratic) * largest - linear) * largest + constant
+        step /= np.where(slope > _APART, slope, 1.0)
+        largest = largest - step
+    alpha = largest * largest - squared + minors
+    rotations = np.empty((len(profile), 4))
+    rotations[:, 0] = (largest + trace) * alpha - determinant
+    rotations[:, 1:] = alpha[:, None] * skew + (largest - trace)[:, None] * once + twice
+    sure = (slope > _APART) & (rotations[:, 0] > _NARROW * slope) & (np.abs(step) < _SETTLED)
+    return quat.normalize(rotations), sure
+
+
+def _davenport(profile: Array) -> Array:
+    """:func:`_quest` by the eigenvectors of Davenport's matrices, for any profile."""
     trace = np.trace(profile, axis1=-2, axis2=-1)
     davenport = np.empty((*profile.shape[:-2], 4, 4))
     davenport[..., 0, 0] = trace

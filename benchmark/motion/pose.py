@@ -50,7 +50,7 @@ def pose_positions(clip: MotionClip, roles: Sequence[str] = CORE_ROLES) -> NDArr
     world = clip.positions
     hips = world[:, clip.skeleton.joint("hips")]
     centred = world[:, clip.skeleton.joints(*roles)] - (hips * [1.0, 0.0, 1.0])[:, None]
-    return quat.inv_rotate(heading_rotations(clip)[:, None], centred) / clip.skeleton.leg_length
+    return quat.rotate_y(-heading(clip), centred) / clip.skeleton.leg_length
 
 
 def segment_directions(clip: MotionClip) -> NDArray[np.float64]:
@@ -70,4 +70,4 @@ def segment_directions(clip: MotionClip) -> NDArray[np.float64]:
     starts, ends = ([joint(pair[i]) for pair in SEGMENTS] for i in range(2))
     spans = clip.positions[:, ends] - clip.positions[:, starts]
     lengths = np.linalg.norm(spans, axis=-1, keepdims=True)
-    return quat.inv_rotate(heading_rotations(clip)[:, None], spans / np.maximum(lengths, 1e-9))
+    return quat.rotate_y(-heading(clip), spans / np.maximum(lengths, 1e-9))

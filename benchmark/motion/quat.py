@@ -68,6 +68,18 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     return out
 
 
+def rotate_y(yaw: ArrayLike, v: ArrayLike) -> Array:
+    """Vectors ``v`` (T, ..., 3) turned about +Y by ``yaw`` (T,) radians, in a fraction of the time of :func:`rotate`."""
+    yaw, v = np.asarray(yaw, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    cos, sin = (each.reshape(-1, *[1] * (v.ndim - 2)) for each in (np.cos(yaw), np.sin(yaw)))
+    x, z = v[..., 0], v[..., 2]
+    out = np.empty_like(v)
+    out[..., 0] = cos * x + sin * z
+    out[..., 1] = v[..., 1]
+    out[..., 2] = cos * z - sin * x
+    return out
+
+
 def inv_rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """Vectors ``v`` turned by the inverse of ``q``."""
     return rotate(inverse(q), v)

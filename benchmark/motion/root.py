@@ -149,6 +149,24 @@ def _about_y(yaw: Array) -> Array:
     return quat.from_axis_angle([0.0, 1.0, 0.0], yaw)
 
 
+def turn_frames(clip: MotionClip, yaw: ArrayLike) -> MotionClip:
+    """The clip, each frame turned by ``yaw`` (T,) radians about the vertical through its root; without raw channels.
+
+    World positions that are known already are turned along instead of being computed again.
+    """
+    turn = _about_y(np.asarray(yaw, dtype=np.float64))
+    rotations = clip.rotations.copy()
+    rotations[:, 0] = quat.mul(turn, rotations[:, 0])
+    moved = clip.replace(rotations=rotations, source=None)
+    if "world" in clip.__dict__:
+        known, root = clip.world, clip.root[:, None]
+        world = quat.mul(turn[:, None], known[0]), quat.rotate_y(yaw, known[1] - root) + root
+        for array in world:
+            array.flags.writeable = False
+        moved.__dict__["world"] = world
+    return moved
+
+
 def _turn(xz: Array, yaw: Array) -> Array:
     """Ground vectors (T, 2) turned about +Y by ``yaw`` (T,)."""
     cos, sin = np.cos(yaw), np.sin(yaw)

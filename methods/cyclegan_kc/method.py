@@ -310,11 +310,11 @@ class CycleGanKc(Method):
         chosen = self.settings_
         skeleton = source.skeleton if task.target_skeleton is None else task.target_skeleton
         own = retarget(source, self.body_)
-        given = self.layout_.encode(own)
         work = resample(own, chosen["fps"])
         if len(work) < 2:
             work = own
-        low = self.scaling_.apply(given if work is own else self.layout_.encode(work))
+        channels = self.layout_.encode(work)
+        low = self.scaling_.apply(channels)
         picked, known = self._chosen(source)
         drawn = draw(
             self.generator_,
@@ -326,10 +326,12 @@ class CycleGanKc(Method):
             step=chosen["refine_step"],
         )
         out = drawn.channels - low if chosen["residual"] else drawn.channels
-        spread = _resampled(out, work.times, source.times)
+        made = _resampled(out, work.times, source.times)
         if chosen["residual"]:
-            spread = self.scaling_.apply(given) + spread
-        posed = _posed(self.layout_, self.scaling_.invert(spread), own)
+            made = (channels if work is own else self.layout_.encode(own, contacts=False)) + made * self.scaling_.scale
+        else:
+            made = self.scaling_.invert(made)
+        posed = _posed(self.layout_, made, own)
         result = posed if skeleton == self.body_ else retarget(posed, skeleton)
         diagnostics = {
             "exemplars": [self.examples_[index].clip_id for index in picked],
@@ -600,16 +602,13 @@ def _posed(layout: Layout, values: Array, own: MotionClip) -> MotionClip:
     ``own`` gives the first frame's place and direction, the height at which feet meet the floor, and what positions leave
     open.
     """
-    from benchmark.motion import quat
     from benchmark.motion.canonical import HEADING_SIGMA, heading
+    from benchmark.motion.root import turn_frames
 
     yaw = heading(own, sigma=HEADING_SIGMA)
     turned = np.concatenate([[0.0], np.cumsum(values[:-1, layout.velocity][:, 2] / own.fps)])
-    turn = quat.from_axis_angle([0.0, 1.0, 0.0], turned - (yaw - yaw[0]))
-    rotations = own.rotations.copy()
-    rotations[:, 0] = quat.mul(turn, rotations[:, 0])
     # The root's place is composed again from the velocities by `decode`; here it only has to turn with the body.
-    return layout.decode(values, own.replace(rotations=rotations))
+    return layout.decode(values, turn_frames(own, turned - (yaw - yaw[0])))
 
 
 def _resampled(values: Array, times: Array, at: Array) -> Array:

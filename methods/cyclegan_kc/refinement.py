@@ -40,10 +40,14 @@ class Padded:
 
     def __init__(self, channels: Array | NDArray[np.float32], margin: int) -> None:
         frames = len(channels)
-        held = np.pad(channels, ((margin, margin + frames % 2), (0, 0)), mode="edge")
-        self.x = torch.as_tensor(held.T[None].copy(), dtype=torch.float32)
+        count = 2 * margin + frames + frames % 2
+        held = np.empty((1, channels.shape[1], count), dtype=np.float32)
+        held[0, :, margin : margin + frames] = channels.T
+        held[0, :, :margin] = channels[0][:, None]
+        held[0, :, margin + frames :] = channels[-1][:, None]
+        self.x = torch.from_numpy(held)
         self.inner = slice(margin, margin + frames)
-        self.valid = torch.zeros((1, len(held)), dtype=torch.bool)
+        self.valid = torch.zeros((1, count), dtype=torch.bool)
         self.valid[:, self.inner] = True
 
     def hidden_frames(self, hidden: NDArray[np.float32], reach: int) -> NDArray[np.float32]:

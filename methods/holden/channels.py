@@ -68,18 +68,22 @@ class Layout:
         """D."""
         return 3 * len(self.skeleton) + 3 + len(self.feet)
 
-    def encode(self, clip: MotionClip) -> Array:
-        """(T, D) of a clip on this skeleton, T >= 2."""
+    def encode(self, clip: MotionClip, *, contacts: bool = True) -> Array:
+        """(T, D) of a clip on this skeleton, T >= 2.
+
+        Without ``contacts`` their columns, which :meth:`decode` does not read, are 0.
+        """
         leg = self.skeleton.leg_length
         yaw = heading(clip, sigma=HEADING_SIGMA)
         track = decompose(clip.root, yaw, clip.fps)
-        facing = quat.from_axis_angle([0.0, 1.0, 0.0], yaw)
-        local = quat.inv_rotate(facing[:, None], clip.positions - (clip.root * [1.0, 0.0, 1.0])[:, None]) / leg
-        contacts = detect(clip)
-        flags = contacts.flags[:, [list(contacts.joints).index(joint) for joint in self.feet]]
-        return np.column_stack(
-            [local.reshape(len(clip), -1), track.velocity / leg, track.yaw_rate, flags.astype(np.float64)]
-        )
+        values = np.zeros((len(clip), self.dim))
+        local = quat.rotate_y(-yaw, clip.positions - clip.root[:, None] * [1.0, 0.0, 1.0])
+        values[:, self.positions] = local.reshape(len(clip), -1) / leg
+        values[:, self.velocity] = np.column_stack([track.velocity / leg, track.yaw_rate])
+        if contacts:
+            found = detect(clip)
+            values[:, self.contacts] = found.flags[:, [list(found.joints).index(joint) for joint in self.feet]]
+        return values
 
     def decode(self, values: Array, base: MotionClip) -> MotionClip:
         """The clip that ``values`` (T, D) describe.

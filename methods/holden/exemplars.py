@@ -77,28 +77,24 @@ def _swept(query: Array, candidates: Sequence[Array]) -> Array:
     cells = rows + int(lengths.max())
     digits = cells.bit_length()
     unit = max(float(costs.max()), 1e-300) * 2.0 ** -min(40, 52 - 2 * digits)
-    # Cell (i, j) of candidate b is at [i + j, b, i]; beyond a candidate's end is no cell.
-    diagonals = np.full((cells - 1, count, rows), np.inf)
-    flat, slab, row = diagonals.reshape(-1), count * rows, np.arange(rows)
-    whole = np.rint(costs / unit) * 2.0**digits - 1.0
-    stop = 0
-    for number, length in enumerate(lengths):
-        places = (row * (slab + 1) + number * rows)[:, None] + slab * np.arange(length)
-        flat[places] = whole[:, stop : stop + length]
-        stop += length
-    best = np.empty(count)
-    ends = {int(length) + rows - 2 for length in lengths}
-    before, last, now = (np.full((count, rows + 1), np.inf) for _ in range(3))
-    before[:, 0] = 0.0
-    for k, diagonal in enumerate(diagonals):
-        here = np.minimum(last[:, 1:], last[:, :-1], out=now[:, 1:])
-        np.minimum(here, before[:, :-1], out=here)
-        here += diagonal
-        if k in ends:
-            ended = lengths + rows - 2 == k
-            best[ended] = here[ended, -1]
-        before[:, 0] = np.inf
-        before, last, now = last, now, before
+    # Cell (i, j) of candidate b is at [i + j + 2, b, i + 1]. Before a candidate's first row and beyond its end is no cell;
+    # paths come from two diagonals before the first.
+    diagonals = np.full((cells + 1, count, rows + 1), np.inf)
+    diagonals[0, :, 0] = 0.0
+    flat, slab = diagonals.reshape(cells + 1, -1), count * (rows + 1)
+    number = np.repeat(np.arange(count), lengths)
+    column = np.arange(len(frames)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    places = (np.arange(rows) * (slab + 1))[:, None] + ((column + 2) * slab + number * (rows + 1) + 1)
+    flat.reshape(-1)[places] = np.rint(costs / unit) * 2.0**digits - 1.0
+    cheapest = np.empty(slab - 1)
+    corner, beside = flat[0, :-1], flat[1]
+    for here in flat[2:]:
+        np.minimum(beside[1:], beside[:-1], out=cheapest)
+        np.minimum(cheapest, corner, out=cheapest)
+        own = here[1:]
+        own += cheapest
+        corner, beside = beside[:-1], here
+    best = diagonals[lengths + rows, np.arange(count), -1]
     totals = np.ceil(best / 2.0**digits)
     # A cell is rounded by half a unit.
     return np.asarray(unit * (totals / (totals * 2.0**digits - best) - 1.0))

@@ -47,7 +47,7 @@ def channels(clip: MotionClip, *, coordinates: str = "parent", unit: float = 1.0
         spans = world - world[:, parents]
     else:
         spans = world - world[:, :1]
-    local = quat.inv_rotate(_facing(clip)[:, None], spans)
+    local = quat.rotate_y(-heading(clip, sigma=HEADING_SIGMA), spans)
     local[:, 0] = 0.0
     local[:, 0, 1] = world[:, 0, 1]
     return local / unit
@@ -90,8 +90,8 @@ def pose(
     else:
         positions = values.copy()
         positions[:, 0] = 0.0
-    facing = _facing(clip) if yaw is None else quat.from_axis_angle([0.0, 1.0, 0.0], yaw)
-    rotations = aim_bones(skeleton, clip.rotations, quat.rotate(facing[:, None], positions))
+    facing = heading(clip, sigma=HEADING_SIGMA) if yaw is None else yaw
+    rotations = aim_bones(skeleton, clip.rotations, quat.rotate_y(facing, positions))
     root = clip.root.copy()
     root[:, 1] = values[:, 0, 1] * unit
     posed = clip.replace(rotations=rotations, root=root, translations=None, residual=None, source=None)
@@ -102,10 +102,6 @@ def pose(
     if floor == "follow":
         shift = _carried(was - now, standing, FLOOR_SIGMA * clip.fps)
     return posed.with_root(root + shift[:, None] * [0.0, 1.0, 0.0])
-
-
-def _facing(clip: MotionClip) -> Array:
-    return quat.from_axis_angle([0.0, 1.0, 0.0], heading(clip, sigma=HEADING_SIGMA))
 
 
 def _lowest_foot(clip: MotionClip) -> Array:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmark.errors import ContractError
-from benchmark.motion import quat
+from benchmark.motion import ik, quat
 from benchmark.motion.ik import FOLD_CONE, aim_bones, match_directions, rotations_from_positions
 from benchmark.motion.kinematics import fk
 from benchmark.motion.skeleton import Skeleton
@@ -228,6 +228,19 @@ def test_wahba_agrees_with_the_singular_value_solution(rng: np.random.Generator)
     unit = [v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (rest, target)]
     expected = Rotation.align_vectors(unit[1], unit[0])[0].as_quat(scalar_first=True)
     assert quat.angle(match_directions(rest, target), expected) < 1e-7
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.5])
+def test_wahba_without_lapack_agrees_with_davenport(noise: float, rng: np.random.Generator) -> None:
+    turn = quat.exp(rng.normal(scale=0.5, size=(200, 1, 3)))
+    rest = rng.normal(size=(200, 3, 3))
+    rest /= np.linalg.norm(rest, axis=-1, keepdims=True)
+    target = quat.rotate(turn, rest) + noise * rng.normal(size=rest.shape)
+    target /= np.linalg.norm(target, axis=-1, keepdims=True)
+    profile = np.einsum("nki,nkj->nij", target, rest) / 3.0
+    found, sure = ik._quest(profile)
+    assert sure.mean() > 0.5
+    assert quat.angle(found, ik._davenport(profile))[sure].max() < 1e-12
 
 
 def test_wahba_never_reflects(rng: np.random.Generator) -> None:

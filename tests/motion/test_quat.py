@@ -34,6 +34,13 @@ def test_product_turns_as_scipy_does(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(quat.inv_rotate(a, v), scipy_of(a).inv().apply(v), atol=1e-14)
 
 
+def test_a_turn_about_the_vertical_is_the_quaternion_s(rng: np.random.Generator) -> None:
+    yaw = rng.uniform(-4.0, 4.0, 6)
+    turn = quat.from_axis_angle([0.0, 1.0, 0.0], yaw)
+    for vectors, turns in ((rng.normal(size=(6, 3)), turn), (rng.normal(size=(6, 2, 5, 3)), turn[:, None, None])):
+        np.testing.assert_allclose(quat.rotate_y(yaw, vectors), quat.rotate(turns, vectors), atol=1e-14)
+
+
 def test_product_broadcasts(rng: np.random.Generator) -> None:
     a, b = random_quats(rng, 4, 1), random_quats(rng, 3)
     out = quat.mul(a, b)

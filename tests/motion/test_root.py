@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from benchmark.errors import ContractError
 from benchmark.motion import quat
 from benchmark.motion.canonical import heading
-from benchmark.motion.root import compose, decompose, from_features, join, split
+from benchmark.motion.root import compose, decompose, from_features, join, split, turn_frames
 
 
 @settings(max_examples=40, deadline=None)
@@ -71,6 +71,19 @@ def test_a_clip_is_split_and_joined_exactly(wild, rng):
     # Played back without its heading the figure faces ahead.
     still = clip.replace(rotations=split(clip, sigma=0.0)[1])
     np.testing.assert_allclose(heading(still), 0.0, atol=1e-9)
+
+
+def test_turned_frames_have_the_world_of_their_rotations(wild, rng):
+    clip = wild(rng)
+    yaw = rng.uniform(-3.0, 3.0, len(clip))
+    unknown = turn_frames(clip, yaw)
+    assert "world" not in unknown.__dict__
+    assert clip.positions.shape == unknown.rotations.shape[:2] + (3,)
+    known = turn_frames(clip, yaw)
+    assert "world" in known.__dict__
+    np.testing.assert_array_equal(known.rotations, unknown.rotations)
+    np.testing.assert_allclose(known.positions, unknown.positions, atol=1e-12)
+    np.testing.assert_allclose(known.world[0], unknown.world[0], atol=1e-12)
 
 
 def test_bad_shapes_are_refused():
