@@ -11,7 +11,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1); [ $$n -gt 8 ] && n=8; echo $$n)
 
 .DEFAULT_GOAL := help
-.PHONY: help install run pictures test test-slow lint format speed clean
+.PHONY: help install run pictures test test-slow lint format speed fuzz audit clean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -57,6 +57,23 @@ $(VENV)/.peers: $(VENV)/.installed
 
 speed: $(VENV)/.peers  ## Time the suite beside other libraries, in one run; the table is kept in speed.md and speed.csv
 	@$(BIN)/python tests/speed/run.py --table speed.md --table speed.csv
+
+# Seconds of fuzzing, shared by all readers.
+FUZZ_SECONDS ?= 600
+
+$(VENV)/.fuzz: $(VENV)/.installed
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[fuzz]'
+	@touch $@
+
+fuzz: $(VENV)/.fuzz  ## Feed every reader with spoiled files, guided by coverage, for FUZZ_SECONDS
+	@$(BIN)/python tests/fuzz/fuzz.py --seconds $(FUZZ_SECONDS)
+
+audit:  ## Look up known vulnerabilities of the pinned versions; needs the network
+	@test -x $(VENV)/audit/bin/pip-audit || { $(PYTHON) -m venv $(VENV)/audit && \
+		$(VENV)/audit/bin/python -m pip install --quiet --disable-pip-version-check 'pip-audit==2.10.1'; }
+	@sed 's/ *#.*//' constraints.txt > $(VENV)/audit/pins.txt
+	@$(VENV)/audit/bin/pip-audit --strict --no-deps --disable-pip --progress-spinner off -r $(VENV)/audit/pins.txt || \
+		{ echo "make audit failed: either vulnerable versions are listed above, or the service of advisories was not reached and nothing was checked" >&2; exit 1; }
 
 clean:  ## Remove .venv and tool caches; runs/ is kept
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info

@@ -20,6 +20,9 @@ from benchmark.errors import ConfigError, UnknownNameError
 Overwrite = Literal["missing", "always", "never", "only-cached"]
 Variant = Literal["raw", "cleaned"]
 
+_MEMORY = re.compile(r"(\d{1,12}(?:\.\d{1,6})?)\s*([KMGT]?I?B?)", re.IGNORECASE)
+_UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
+
 _TASK = re.compile(r"[^:\s]+:[^:\s]+")
 
 
@@ -100,6 +103,9 @@ class RunConfig(_Strict):
         Methods to run again whatever there is.
     time_limit
         Seconds after which a cell is ended; ``None`` for no limit.
+    memory_limit
+        Memory above which a cell is ended, its process and those it starts together: bytes, or a text as ``4 GB``; ``None`` for
+        no limit.
     jobs
         Cells at a time, each in a process of its own; ``None`` for one on each core that memory allows.
     threads
@@ -130,6 +136,7 @@ class RunConfig(_Strict):
     overwrite: Overwrite = "missing"
     force: tuple[str, ...] = ()
     time_limit: Annotated[float, Field(gt=0)] | None = None
+    memory_limit: Annotated[int, Field(gt=0)] | None = None
     jobs: Annotated[int, Field(ge=1)] | None = None
     threads: Annotated[int, Field(ge=1)] = 1
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -156,6 +163,16 @@ class RunConfig(_Strict):
                 raise ValueError(f"the two styles of the task {task!r} are the same")
         return tuple(dict.fromkeys(tasks))
 
+    @field_validator("memory_limit", mode="before")
+    @classmethod
+    def _read_memory(cls, limit: Any) -> Any:
+        if not isinstance(limit, str):
+            return limit
+        match = _MEMORY.fullmatch(limit.strip())
+        if match is None:
+            raise ValueError("write a number of bytes with its unit, for example 4GB or 500 MiB")
+        return int(float(match[1]) * _UNITS[match[2].upper().removesuffix("B").removesuffix("I")])
+
     @field_validator("variants")
     @classmethod
     def _order_variants(cls, variants: tuple[Variant, ...]) -> tuple[Variant, ...]:
@@ -164,7 +181,7 @@ class RunConfig(_Strict):
 
 #: Settings that cannot change a number; all others make a run folder what it is.
 OPERATIONAL = (
-    *("out", "overwrite", "force", "time_limit", "jobs", "backend", "scheduler", "shard"),
+    *("out", "overwrite", "force", "time_limit", "memory_limit", "jobs", "backend", "scheduler", "shard"),
     *("preset", "methods", "metrics", "params"),
 )
 

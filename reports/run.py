@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,9 @@ from numpy.typing import NDArray
 
 from benchmark.errors import StoreError
 from benchmark.motion.clip import MotionClip
-from benchmark.runner.views import LEADERBOARD, REAL, RESULTS, read_leaderboard
+from benchmark.runner.items import read_items
+from benchmark.runner.store import read_json
+from benchmark.runner.views import LEADERBOARD, REAL, RESULT_COLUMNS, RESULTS, read_leaderboard
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,9 +98,14 @@ class RunView:
         """``results.parquet``, with a column ``task``; digests and versions, of which there are few, as categories."""
         import pyarrow.parquet as parquet
 
-        # One thread: with more, each takes memory of its own for the texts, which costs more than it gains.
-        stored = parquet.read_table(self.folder / RESULTS, read_dictionary=list(FEW), use_threads=False)
-        table: pd.DataFrame = stored.to_pandas(split_blocks=True, self_destruct=True)
+        try:
+            # One thread: with more, each takes memory of its own for the texts, which costs more than it gains.
+            stored = parquet.read_table(self.folder / RESULTS, read_dictionary=list(FEW), use_threads=False)
+            table: pd.DataFrame = stored.select(list(RESULT_COLUMNS)).to_pandas(split_blocks=True, self_destruct=True)
+        except (OSError, ValueError, KeyError) as error:  # those of pyarrow are such
+            raise StoreError(
+                f"{self.folder / RESULTS} is damaged ({error}): restore it with `python -m benchmark score {self.folder}`"
+            ) from error
         table["task"] = table["source_style"] + ":" + table["target_style"]
         return table
 
@@ -165,8 +171,8 @@ class RunView:
         for row in rows[["cell_key", "method", "repetition"]].drop_duplicates().to_dict("records"):
             folder = self.folder / "cells" / row["cell_key"]
             if (folder / "items.json").is_file():
-                items = json.loads((folder / "items.json").read_bytes())
-                found.append(StoredCell(folder, row["method"], int(row["repetition"]), tuple(items)))
+                items = tuple(read_items(folder))
+                found.append(StoredCell(folder, row["method"], int(row["repetition"]), items))
         order = {method: rank for rank, method in enumerate(self.methods(task))}
         return sorted(found, key=lambda cell: (order[cell.method], cell.repetition))
 
@@ -312,4 +318,4 @@ class RunView:
     def document(self, name: str) -> Any:
         """A JSON file of the run folder, or ``None`` if the run did not write it."""
         path = self.folder / name
-        return json.loads(path.read_bytes()) if path.is_file() else None
+        return read_json(path) if path.is_file() else None

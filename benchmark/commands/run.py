@@ -88,6 +88,7 @@ asked for, 3 done but some cells failed, 130 interrupted.
 )
 @click.option("--force", multiple=True, help="Run this method again whatever there is; may be repeated.")
 @click.option("--time-limit", type=float, metavar="SECONDS", help="End a cell that takes longer.")
+@click.option("--memory-limit", metavar="SIZE", help="End a cell that takes more memory, as 4GB.")
 @click.option(
     "--config", "file", type=click.Path(path_type=Path), help="Settings in TOML; see config.toml in any run folder."
 )
@@ -319,7 +320,7 @@ def _flags(options: dict[str, Any]) -> dict[str, Any]:
 
     same = (
         *("repetitions", "seed", "limit", "out", "jobs", "threads", "device", "backend", "scheduler"),
-        *("shard", "overwrite", "time_limit"),
+        *("shard", "overwrite", "time_limit", "memory_limit"),
     )
     return {
         **{name: options[name] for name in same},

@@ -10,7 +10,6 @@ import json
 import logging
 import os
 import secrets
-import struct
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -140,8 +139,7 @@ def _read(path: Path) -> MotionClip | None:
         return None
     try:
         return npz.load(path)
-    # The last three are what a zip or array header can raise when its bytes are damaged.
-    except (MotionFileError, NotImplementedError, RuntimeError, struct.error) as error:
+    except MotionFileError as error:
         _log.warning("making a damaged cache entry again: %s", error)
         with suppress(OSError):
             path.unlink()

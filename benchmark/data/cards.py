@@ -13,9 +13,9 @@ from functools import cache
 from importlib import resources
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from benchmark.errors import UnknownNameError
+from benchmark.errors import DataError, UnknownNameError
 
 Protocol = Literal["paper", "actors-kfold", "take-block", "action", "auto"]
 
@@ -142,9 +142,21 @@ def load_card(card_id: str) -> Card:
     """The card of that id; an :class:`~benchmark.errors.UnknownNameError` suggests the nearest."""
     if card_id not in card_ids():
         raise UnknownNameError("data set", card_id, card_ids())
-    text = (resources.files("benchmark.data") / "cards" / f"{card_id}.toml").read_text(encoding="utf-8")
-    # TOML has lists where the card has tuples: JSON-mode validation is strict about everything else.
-    return Card.model_validate_json(json.dumps(tomllib.loads(text)))
+    return parse_card((resources.files("benchmark.data") / "cards" / f"{card_id}.toml").read_bytes(), f"{card_id}.toml")
+
+
+def parse_card(content: bytes, name: str) -> Card:
+    """The card in the TOML text ``content`` of file ``name``; a :class:`~benchmark.errors.DataError` names file and field."""
+    try:
+        fields = tomllib.loads(content.decode("utf-8"))
+        # TOML has lists where the card has tuples: JSON-mode validation is strict about everything else.
+        return Card.model_validate_json(json.dumps(fields))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise DataError(f"{name}: {where}: {first['msg']}") from error
+    except (ValueError, TypeError, RecursionError) as error:  # not UTF-8, not TOML, or a date
+        raise DataError(f"{name} is no card: {error}") from error
 
 
 def list_cards() -> list[Card]:

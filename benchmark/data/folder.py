@@ -16,7 +16,7 @@ from benchmark.data.base import ClipRecord
 from benchmark.data.cache import file_digests
 from benchmark.data.cards import Card, load_card
 from benchmark.data.files import FileDataset, kinect_skeleton, kinect_skeleton_key, unique
-from benchmark.data.index import Scan, read_index, scan
+from benchmark.data.index import Scan, compile_pattern, read_index, scan
 from benchmark.data.locate import data_root
 from benchmark.digest import digest as json_digest
 from benchmark.errors import ConfigError, DataError, UnknownNameError
@@ -104,7 +104,7 @@ class FolderDataset(FileDataset):
         role_map: str | None = None,
         styles: Mapping[str, str] | None = None,
     ) -> None:
-        self.folder = Path(path).expanduser()
+        self.folder = Path(path).expanduser().absolute()  # a method may change the working directory
         if not self.folder.is_dir():
             raise DataError(f"there is no folder {self.folder}")
         given = {
@@ -336,8 +336,19 @@ def _settings(folder: Path, given: Mapping[str, Any]) -> FolderSettings:
         raise ConfigError(
             f"{path if first['loc'][0] not in given else 'option'}: {first['loc'][0]}: {first['msg']}"
         ) from error
+
+    def where(key: str) -> str:
+        return "" if key in given else f"{path}: "
+
     if isinstance(settings.unit, float) and not 0.0 < settings.unit < float("inf"):
-        raise ConfigError(f"unit must be auto, cm, m, cmu or metres per file unit above 0, not {settings.unit}")
+        raise ConfigError(
+            f"{where('unit')}unit must be auto, cm, m, cmu or metres per file unit above 0, not {settings.unit}"
+        )
+    if settings.pattern:
+        try:
+            compile_pattern(settings.pattern)
+        except ConfigError as error:
+            raise ConfigError(f"{where('pattern')}{error}") from error
     return settings
 
 

@@ -15,6 +15,9 @@ FIELDS = ("style", "actor", "action", "take")
 REQUIRED = ("style", "action")
 COLUMNS = ("path", *FIELDS)
 
+#: Fields and stars of a pattern: more are never needed, and take endless to match.
+MOST_WILDCARDS = 12
+
 #: What a field may hold: an action may contain what separates the fields, a take may not, the others end as soon as they can.
 _SHAPES = {"style": "[^/]+?", "actor": "[^/]+?", "action": "[^/]+", "take": "[^/_]+"}
 
@@ -49,7 +52,11 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
     ConfigError
         An unknown or repeated field, or none for the style or the action.
     """
-    parts = re.split(r"(\{[^{}]*\}|\*\*/?|\*)", pattern.replace("\\", "/").removeprefix("./"))
+    # Stars in a row mean no more than two, and would be tried in every combination.
+    plain = re.sub(r"(?:\*\*/){2,}", "**/", re.sub(r"\*{3,}", "**", pattern.replace("\\", "/").removeprefix("./")))
+    parts = re.split(r"(\{[^{}]*\}|\*\*/?|\*)", plain)
+    if len(parts) > 2 * MOST_WILDCARDS:
+        raise ConfigError(f"pattern {pattern[:80]!r} has more than {MOST_WILDCARDS} fields and stars")
     expression, seen = "", []
     for part in parts:
         if part.startswith("{"):
@@ -152,9 +159,13 @@ def read_index(index: Path, folder: Path) -> Scan:
             if not values[column]:
                 raise DataError(f"{index}, line {line}: the column {column!r} is empty")
         path = folder / values["path"].replace("\\", "/")
-        if not path.resolve().is_relative_to(folder.resolve()):
+        try:
+            inside, there = path.resolve().is_relative_to(folder.resolve()), path.is_file()
+        except (OSError, ValueError, RuntimeError) as error:  # a name that no file system takes, or links in a circle
+            raise DataError(f"{index}, line {line}: {values['path'][:80]!r} is no path ({error})") from error
+        if not inside:
             raise DataError(f"{index}, line {line}: {values['path']} lies outside {folder}")
-        if not path.is_file():
+        if not there:
             raise DataError(f"{index}, line {line}: there is no file {path}")
         entries.append(Entry(path, *(values[field] for field in FIELDS)))
     if not entries:

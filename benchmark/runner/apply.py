@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmark.api import StyleTask
-from benchmark.errors import ConfigError, ContractError, SkeletonError, StoreError, UnknownNameError
+from benchmark.api import Method, StyleTask
+from benchmark.errors import BenchmarkError, ConfigError, ContractError, SkeletonError, StoreError, UnknownNameError
 from benchmark.motion.clip import MotionClip
 from benchmark.registry import METHODS, Registry
 from benchmark.runner.contract import check_result
@@ -85,11 +85,33 @@ def apply_method(
         )
     source_style, target_style = cell.styles
     style_task = StyleTask(source_style, target_style, rest.skeleton)
-    fitted = cls.load(place / MODEL)
-    if not isinstance(fitted, cls):
-        raise ContractError(f"{cls.__name__}.load must return a {cls.__name__}, not {type(fitted).__name__}")
+    fitted = load_model(cls, place / MODEL)
     result = fitted.transfer(clip, style_task, rng=generator(seed=seed, stage="transfer", clip=name))
     return check_result(result, clip, style_task, needs).clip
+
+
+def load_model(cls: type[Method], folder: Path) -> Method:
+    """The method that was saved in ``folder``.
+
+    Raises
+    ------
+    StoreError
+        If the files there are not those of such a model: cut short, altered, or of another kind, such as pickles.
+    ContractError
+        If ``load`` returns something else.
+    """
+    try:
+        fitted = cls.load(folder)
+    except BenchmarkError as error:
+        raise StoreError(f"the model in {folder} cannot be read: {error}") from error
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        raise StoreError(
+            f"{folder} holds no model of {cls.__name__} ({type(error).__name__}: {error}): models are JSON, npz and "
+            "safetensors, never pickles; restore its files, or run the cell again"
+        ) from error
+    if not isinstance(fitted, cls):
+        raise ContractError(f"{cls.__name__}.load must return a {cls.__name__}, not {type(fitted).__name__}")
+    return fitted
 
 
 def find_cell(folder: Path, method: str, task: str | None, repetition: int) -> Cell:

@@ -19,18 +19,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
 from typing import Any, Protocol, Self
 
 from benchmark.errors import ConfigError
 from benchmark.runner import worker
 from benchmark.runner.job import CellJob, Unit
+from benchmark.runner.output import Output
 from benchmark.runner.probes import ProbeJob
 from benchmark.runner.score import missing_metrics
 from benchmark.runner.store import RunStore
 
 #: What the fork server imports once for all cells: what every cell needs, and nothing that starts threads.
 PRELOADED = (
+    "benchmark.runner.adopt",
     "benchmark.runner.worker",
     "benchmark.motion.bvh",
     "benchmark.motion.footlock",
@@ -88,19 +89,26 @@ def default_jobs(threads: int) -> int:
     return max(1, min(cores // threads, psutil.virtual_memory().available // MEMORY_PER_JOB))
 
 
-def make_backend(name: str, *, jobs: int, time_limit: float | None, scheduler: str | None = None) -> Backend:
+def make_backend(
+    name: str, *, jobs: int, time_limit: float | None, memory_limit: int | None = None, scheduler: str | None = None
+) -> Backend:
     """The backend called ``processes``, ``serial`` or ``dask``; only the last knows a ``scheduler``."""
     if scheduler is not None and name != "dask":
         raise ConfigError(f"a scheduler ({scheduler}) is for backend 'dask', not {name!r}: add --backend dask")
     if name == "serial":
-        if time_limit is not None:
-            raise ConfigError("a time limit needs backend 'processes': a method cannot be ended inside this process")
+        if time_limit is not None or memory_limit is not None:
+            which = "time" if time_limit is not None else "memory"
+            raise ConfigError(
+                f"a {which} limit needs backend 'processes': a method cannot be ended inside this process"
+            )
         return Serial()
     if name == "dask":
+        if memory_limit is not None:
+            raise ConfigError("a memory limit needs backend 'processes': workers of Dask have a limit of their own")
         from benchmark.runner.cluster import Dask
 
         return Dask(jobs, time_limit, scheduler)
-    return Processes(jobs, time_limit)
+    return Processes(jobs, time_limit, memory_limit)
 
 
 class Serial:
@@ -132,12 +140,14 @@ class _Running:
     job: Job
     process: multiprocessing.process.BaseProcess
     connection: Connection
-    output: Path
+    output: Output
     began: float = field(default_factory=time.monotonic)
     deadline: float = float("inf")
     stage: str = "start"
     metric: str = ""
     finished: bool = False
+    over: str = ""
+    looked: float = 0.0
     before: float = 0.0
 
 
@@ -150,14 +160,21 @@ class Processes:
         How many at a time. Results do not depend on it.
     time_limit
         Seconds for fitting and transferring, and again for scoring; ``None`` for no limit.
+    memory_limit
+        Bytes of resident memory for a cell's process and those it starts, looked at twice a second; ``None`` for no limit.
     stop
         Asked several times a second whether to end everything, with a :class:`StoppedError`.
     """
 
     def __init__(
-        self, jobs: int = 1, time_limit: float | None = None, *, stop: Callable[[], bool] = lambda: False
+        self,
+        jobs: int = 1,
+        time_limit: float | None = None,
+        memory_limit: int | None = None,
+        *,
+        stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.jobs, self.time_limit, self._stop = jobs, time_limit, stop
+        self.jobs, self.time_limit, self.memory_limit, self._stop = jobs, time_limit, memory_limit, stop
         methods = multiprocessing.get_all_start_methods()
         self._context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
         self._forks = self._context.get_start_method() == "forkserver"
@@ -195,21 +212,31 @@ class Processes:
         finally:
             for one in running:
                 _kill(one)
-                one.output.unlink(missing_ok=True)
+                one.output.close()
 
     def _start(self, job: Job) -> _Running:
+        # If the fork server has just been ended (for lack of memory, or by a method) the next one is asked.
+        for _ in range(3):
+            with contextlib.suppress(EOFError, ConnectionError):
+                return self._start_once(job)
+        return self._start_once(job)
+
+    def _start_once(self, job: Job) -> _Running:
         cells = RunStore(job.folder).cells
         cells.mkdir(parents=True, exist_ok=True)
-        output = cells / f".tmp-output-{job.cell.key}"
+        output = Output(self._context, cells / f".tmp-output-{job.cell.key}")
         ours, theirs = self._context.Pipe()
         executes = isinstance(job, CellJob) and job.execute
         # Executing and scoring are two processes, from the two servers.
         part = replace(job, metrics=()) if executes else job
         server = _server_to_score() if self._forks and not executes else nullcontext()
         with _starting, _thread_environment(job.threads), server:
-            process = self._context.Process(target=worker.main, args=(theirs, part, output), name=job.cell.title)  # type: ignore[attr-defined]
+            process = self._context.Process(  # type: ignore[attr-defined]
+                target=worker.main, args=(theirs, part, output.sink), name=job.cell.title
+            )
             process.start()
         theirs.close()
+        output.start()
         running = _Running(job, process, ours, output)
         self._set_deadline(running)
         return running
@@ -233,7 +260,13 @@ class Processes:
             if not alive or one.stage == "done":
                 one.finished = True
             elif time.monotonic() > one.deadline:
-                one.finished, one.stage = True, f"over:{one.stage}"
+                one.finished, one.over = True, f"outran its time limit of {self.time_limit:g} s"
+            elif self.memory_limit is not None and time.monotonic() - one.looked >= 0.5:
+                one.looked = time.monotonic()
+                taken = _memory(one)
+                if taken > self.memory_limit:
+                    limit = f"over its limit of {self.memory_limit / 2**20:.0f} MiB"
+                    one.finished, one.over = True, f"took {taken / 2**20:.0f} MiB of memory, {limit}"
 
     def _take(self, one: _Running, stage: str, fraction: float, message: str, observer: Observer) -> None:
         if stage == "execute" or (stage == "score" and one.stage not in ("score", "metric")):
@@ -247,17 +280,21 @@ class Processes:
     def _ended(self, one: _Running, observer: Observer) -> Job | None:
         """Store how a process ended if it could not do so itself; a job to run again where a metric ended it."""
         store, job = RunStore(one.job.folder), one.job
-        over = one.stage.startswith("over:")
         if one.stage == "done":
             one.process.join(timeout=5.0)
+        cut_off = one.process.is_alive() and not one.over
+        if cut_off:
+            one.process.join(timeout=1.0)  # its pipe is closed first
+            cut_off = one.process.is_alive()
         _kill(one)
+        text = one.output.close()
         store.sweep(job.cell.key)
-        text = one.output.read_text(encoding="utf-8", errors="replace") if one.output.exists() else ""
-        one.output.unlink(missing_ok=True)
         one.connection.close()
         if one.stage != "done":
-            stage = one.stage.removeprefix("over:")
-            reason = f"outran its time limit of {self.time_limit:g} s" if over else _how_it_ended(one.process.exitcode)
+            stage = one.stage
+            reason = one.over or (
+                "closed its connection to the run" if cut_off else _how_it_ended(one.process.exitcode)
+            )
             if stage in ("score", "metric"):
                 again = _without_metric(one, f"scoring: {reason}")
                 if again is not None:
@@ -326,13 +363,34 @@ def _how_it_ended(code: int | None) -> str:
     return f"the process ended with code {code}"
 
 
+def _memory(one: _Running) -> int:
+    """Resident bytes of a worker and of every process below it."""
+    import psutil
+
+    taken = 0
+    with contextlib.suppress(psutil.Error):
+        first = psutil.Process(one.process.pid)
+        for process in (first, *first.children(recursive=True)):
+            with contextlib.suppress(psutil.Error):
+                taken += process.memory_info().rss
+    return taken
+
+
 def _kill(one: _Running) -> None:
-    """End a worker and every process it started."""
-    process = one.process
+    """End a worker and every process it started; what left both its group and its tree ends with the fork server."""
+    import psutil
+
+    process, below = one.process, []
+    if process.is_alive():
+        with contextlib.suppress(psutil.Error):
+            below = psutil.Process(process.pid).children(recursive=True)
     if process.pid is not None and hasattr(os, "killpg"):
+        # The group has the worker's number, and lives on in the processes that a dead worker left.
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            if os.getpgid(process.pid) == process.pid:
-                os.killpg(process.pid, signal.SIGKILL)
+            os.killpg(process.pid, signal.SIGKILL)
+    for other in below:
+        with contextlib.suppress(psutil.Error):
+            other.kill()
     if process.is_alive():
         process.kill()
     process.join()

@@ -12,6 +12,9 @@ from benchmark.errors import ConfigError, ContractError
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.skeleton import Skeleton
 
+#: How many times as long as its source a result may be; more would fill memory and disk and is no rendering of the source.
+LONGEST = 50
+
 #: Metres by which a result's bones may differ from the skeleton it is said to be on.
 BONE_TOLERANCE = 1e-6
 
@@ -48,6 +51,10 @@ def check_result(result: Any, source: MotionClip, task: StyleTask, capabilities:
     if not capabilities.changes_timing and len(clip) != len(source):
         raise ContractError(
             f"the result has {len(clip)} frames and the source {len(source)}, but changes_timing is False"
+        )
+    if len(clip) > LONGEST * len(source):
+        raise ContractError(
+            f"the result has {len(clip)} frames, more than {LONGEST} times those of the source, {len(source)}"
         )
     if result.time_map is not None:
         _check_time_map(result.time_map, clip, source)

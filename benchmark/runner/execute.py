@@ -30,13 +30,14 @@ from benchmark.errors import BenchmarkError, ContractError
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.skeleton import Skeleton
 from benchmark.runner.contract import check_result
+from benchmark.runner.items import ITEMS
 from benchmark.runner.job import CellJob, Report
 from benchmark.runner.plan import limited
-from benchmark.runner.store import RunStore
+from benchmark.runner.store import RunStore, printable
 from benchmark.seeding import generator
 
 #: Files of a cell besides its outputs.
-ITEMS, TARGET, MODEL, OUTPUTS = "items.json", "target-skeleton.npz", "model", "outputs"
+TARGET, MODEL, OUTPUTS = "target-skeleton.npz", "model", "outputs"
 
 #: Training curves, which a method that trains writes beside its model and which are kept beside the results.
 CURVES = "train.parquet"
@@ -63,6 +64,7 @@ class _Log:
 
     def __call__(self, stage: str, fraction: float, message: str, *, always: bool = False) -> None:
         now = time.perf_counter() - self.began
+        message = printable(str(message))
         if always or now - self.last >= 1.0:
             self.last = now
             line = {"seconds": round(now, 3), "stage": stage, "fraction": round(float(fraction), 4), "message": message}
@@ -278,8 +280,9 @@ def load_extras(path: Path) -> dict[str, np.ndarray]:
     """``time_map`` and ``contacts`` of a stored result, those it has."""
     if not path.exists():
         return {}
-    with np.load(path, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    from benchmark.motion import npz
+
+    return npz.read_arrays(path)
 
 
 def reset_peak_memory() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -46,6 +46,10 @@ class DatasetSource:
     root: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     opener: str = "benchmark.data.catalog:open_dataset"
+
+    def absolute(self) -> DatasetSource:
+        """The same, wherever the process goes."""
+        return self if self.root is None else replace(self, root=self.root.absolute())
 
     def open(self) -> Dataset:
         """Open it."""

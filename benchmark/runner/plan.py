@@ -6,9 +6,10 @@ Planning reads no clip and runs nothing, so it can be printed and tested.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 from benchmark.api import CONTRACT_VERSION, Capabilities, Supervision
 from benchmark.config import RunConfig
@@ -88,6 +89,23 @@ class Cell:
     def to_json(self) -> dict[str, Any]:
         """The cell as JSON-ready data."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+_TABLES, _NUMBERS = ("params", "ingredients"), ("repetition", "seed")
+_KEY = re.compile(r"[0-9a-f]{64}")
+
+
+def _checked(cell: Cell) -> Cell:
+    """The cell; a ``ValueError`` or ``TypeError`` names the field that cannot be one's."""
+    for name, value in vars(cell).items():
+        kind = dict if name in _TABLES else int if name in _NUMBERS else str
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise TypeError(f"{name} of a cell cannot be {value!r:.60}")
+    if not _KEY.fullmatch(cell.key):  # it becomes the name of a folder
+        raise ValueError(f"{cell.key[:80]!r} is no key of a cell")
+    if cell.fate not in get_args(Fate):
+        raise ValueError(f"fate of a cell is one of {', '.join(get_args(Fate))}, not {cell.fate[:60]!r}")
+    return cell
 
 
 class GpuProbe(Protocol):
@@ -236,7 +254,7 @@ def read_plan(document: Any) -> tuple[Cell, ...]:
     for number, key, repetition, seed in document["cells"]:
         common = document["shared"][number]
         own = {"repetition": repetition, "seed": seed}
-        cells.append(Cell(key=key, **{**common, **own, "ingredients": {**common["ingredients"], **own}}))
+        cells.append(_checked(Cell(key=key, **{**common, **own, "ingredients": {**common["ingredients"], **own}})))
     return tuple(cells)
 
 

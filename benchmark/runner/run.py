@@ -19,11 +19,12 @@ from benchmark.registry import METHODS, METRICS, PROBES, Registry
 from benchmark.runner import provenance
 from benchmark.runner.backends import Observer, default_jobs, make_backend
 from benchmark.runner.job import CellJob, DatasetSource, MetricJob, pack, scoring_digest
+from benchmark.runner.locking import LOCK, SHARDS
 from benchmark.runner.plan import Cell, GpuProbe, make_plan, plan_text, read_plan
 from benchmark.runner.probes import ProbeJob, probe_jobs, probe_store
 from benchmark.runner.score import forget, missing_metrics
 from benchmark.runner.selection import MetricChoice, choose_methods, choose_metrics, importable
-from benchmark.runner.store import CellStatus, RunStore, read_json, write_json, write_text
+from benchmark.runner.store import CellStatus, RunStore, read_json, unwritable, write_json, write_text
 from benchmark.runner.views import LEADERBOARD, MARK, REAL, RESULTS, build_views, views_are_current, views_digest
 
 CONFIG, PLAN, ENVIRONMENT = "config.toml", "plan.json", "environment.json"
@@ -246,16 +247,28 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
         for task, split in zip(config.tasks, prepared.splits, strict=True):
             paths[task] = split_path(folder, config.tasks, task)
             if not (paths[task].is_file() and _same_split(paths[task], split)):
-                split.to_json(paths[task])
+                try:
+                    split.to_json(paths[task])
+                except OSError as error:
+                    raise unwritable(paths[task], error) from error
         metric_jobs = make_metric_jobs(prepared.metrics, metrics)
         write_text(folder / CONFIG, to_toml(config.model_copy(update={"shard": None})))
         write_text(folder / PLAN, plan_text(prepared.cells))
         states = cell_states(prepared)
         jobs = []
-        classes = {name: _packed(methods, name) for name in dict.fromkeys(cell.name for cell in prepared.cells)}
+        classes: dict[str, bytes | Exception | None] = {}
         for cell in cells:
             execute = to_execute(config, cell, states[cell.key])
             if execute or (states[cell.key].state == "ok" and config.overwrite != "only-cached"):
+                if cell.name not in classes:
+                    try:
+                        classes[cell.name] = _packed(methods, cell.name)
+                    except Exception as error:  # pickling runs the class's own code
+                        classes[cell.name] = error
+                value = classes[cell.name] if execute else None
+                if isinstance(value, Exception):
+                    _refuse(store, cell, value)
+                    continue
                 job = CellJob(
                     cell,
                     folder,
@@ -267,7 +280,7 @@ def run(prepared: Prepared, observer: Observer, *, methods: Registry = METHODS, 
                     config.threads,
                     execute,
                     metric_jobs,
-                    method_value=classes[cell.name] if execute else None,
+                    method_value=value,
                 )
                 if execute or missing_metrics(store.cell(cell.key), metric_jobs):
                     jobs.append(job)
@@ -290,15 +303,24 @@ def _work(
         named = {choice.probe.name: choice.probe for choice in chosen if choice.probe is not None}
         fits, places = probe_jobs(jobs, named.values())
         with make_backend(
-            config.backend, jobs=cells_at_a_time(config), time_limit=config.time_limit, scheduler=config.scheduler
+            config.backend,
+            jobs=cells_at_a_time(config),
+            time_limit=config.time_limit,
+            memory_limit=config.memory_limit,
+            scheduler=config.scheduler,
         ) as backend:
             with _sharing(folder, fits, config) as left:
                 backend.run(left, observer)
-            backend.run([replace(job, probes=places.get(job.cell.task, {})) for job in jobs], observer)
+            jobs = [replace(job, probes=places.get(job.cell.task, {})) for job in jobs]
+            backend.run(jobs, observer)
+            # A method can reach the cells of others. Those that it spoiled after they were stored are made once more.
+            spoiled = [job for job in jobs if job.execute and _gone(RunStore(folder).status(job.cell.key))]
+            if spoiled:
+                backend.run(spoiled, observer)
     store = RunStore(folder)
     states = {cell.key: _disk_state(store, cell) for cell in cells}
     for key, status in states.items():
-        if status.state in ("missing", "damaged"):
+        if _gone(status):
             states[key] = CellStatus("skipped", f"not in the cache: {status.reason}")
     executed = sum(job.execute for job in jobs)
     planned = sum(cell.fate == "run" for cell in cells)
@@ -308,6 +330,18 @@ def _work(
     if not current:
         build_views(folder, cells, metrics, states, directions(chosen))
     return Outcome(folder, cells, states, executed, len(jobs) - executed, planned - len(jobs), not current)
+
+
+def _gone(status: CellStatus) -> bool:
+    return status.state in ("missing", "damaged")
+
+
+def _refuse(store: RunStore, cell: Cell, error: Exception) -> None:
+    """Store as failed a cell whose method cannot be sent to a worker."""
+    import traceback
+
+    reason = f"the class cannot be sent to a worker process ({type(error).__name__}: {error}): put it into a module"
+    store.commit_failure(cell.key, reason, "".join(traceback.format_exception(error)))
 
 
 def shard_cells(cells: tuple[Cell, ...], shard: str | None) -> tuple[Cell, ...]:
@@ -482,7 +516,7 @@ def _check_folder(folder: Path, config: RunConfig) -> None:
     if not folder.is_dir():
         raise StoreError(f"{folder} is a file: choose another folder with --out")
     if not (folder / CONFIG).is_file():
-        own = {".lock", ".shards", "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
+        own = {LOCK, SHARDS, "cells", *(split_path(folder, config.tasks, task).name for task in config.tasks)}
         if RunStore(folder).cells.is_dir():  # a run whose settings were lost
             own |= {
                 ESTIMATE,

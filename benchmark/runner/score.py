@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -14,11 +13,12 @@ from benchmark.data.base import Dataset
 from benchmark.digest import file_digest
 from benchmark.errors import ContractError, StoreError
 from benchmark.motion.clip import MotionClip
-from benchmark.runner.execute import ITEMS, OUTPUTS, ROUND_TRIP, TARGET, describe, load_extras
+from benchmark.runner.execute import OUTPUTS, ROUND_TRIP, TARGET, describe, load_extras
+from benchmark.runner.items import read_items
 from benchmark.runner.job import CellJob, MetricJob, Report
 from benchmark.runner.parquet import read_rows, write_rows
 from benchmark.runner.probes import LoadedProbes
-from benchmark.runner.store import SCORES, SCORES_MARK, RunStore, read_json, write_json
+from benchmark.runner.store import SCORES, SCORES_MARK, RunStore, read_json, sealed, unsealed, write_json
 
 #: Columns of a cell's ``metrics.parquet``, with their types.
 COLUMNS = {
@@ -59,12 +59,14 @@ def _read_mark(folder: Path) -> dict[str, Any]:
     if not (path.is_file() and rows.is_file()):
         return {}
     try:
-        mark: dict[str, Any] = read_json(path)
+        mark = unsealed(read_json(path))
         stat = rows.stat()
         same = mark["size"] == stat.st_size and (
             mark["mtime_ns"] == stat.st_mtime_ns or mark["sha256"] == file_digest(rows)
         )
-    except (StoreError, KeyError, TypeError):
+        if not (isinstance(mark["digests"], dict) and isinstance(mark["sha256"], str)):
+            return {}
+    except (StoreError, ValueError, KeyError, TypeError):
         return {}
     return mark if same else {}
 
@@ -75,7 +77,7 @@ def forget(folder: Path, metrics: Iterable[str]) -> None:
     digests = mark.get("digests", {})
     left = {name: value for name, value in digests.items() if name not in set(metrics)}
     if left != digests:
-        write_json(folder / SCORES_MARK, {**mark, "digests": left})
+        write_json(folder / SCORES_MARK, sealed({**mark, "digests": left}))
 
 
 def rows_digest(folder: Path) -> str:
@@ -88,7 +90,10 @@ def read_scores(folder: Path) -> Scores:
     mark = _read_mark(folder)
     if not mark:
         return Scores([], {})
-    return Scores(read_rows(folder / SCORES), mark["digests"])
+    try:
+        return Scores(read_rows(folder / SCORES, COLUMNS), mark["digests"])
+    except StoreError:  # damaged without a trace in size and time: scored again
+        return Scores([], {})
 
 
 def write_scores(folder: Path, scores: Scores) -> None:
@@ -101,7 +106,7 @@ def write_scores(folder: Path, scores: Scores) -> None:
         "size": stat.st_size,
         "mtime_ns": stat.st_mtime_ns,
     }
-    write_json(folder / SCORES_MARK, mark)
+    write_json(folder / SCORES_MARK, sealed(mark))
 
 
 def score_cell(job: CellJob, report: Report) -> None:
@@ -120,7 +125,7 @@ def score_cell(job: CellJob, report: Report) -> None:
     again = {*job.poisoned, *scorer.blind}
     digests |= {metric.name: metric.digest for metric in wanted if metric.name not in again}
     order = {metric.name: index for index, metric in enumerate(job.metrics)}
-    place = {row["clip_id"]: index for index, row in enumerate(json.loads((folder / ITEMS).read_bytes()))}
+    place = {row["clip_id"]: index for index, row in enumerate(read_items(folder))}
     variants = {variant: index for index, variant in enumerate(job.variants)}
     rows.sort(
         key=lambda row: (
@@ -140,7 +145,7 @@ class _Scorer:
         from benchmark.motion import npz
 
         self.job, self.folder, self.report = job, folder, report
-        self.items: list[Row] = json.loads((folder / ITEMS).read_bytes())
+        self.items: list[Row] = read_items(folder)
         self.dataset: Dataset = job.dataset.open()
         source, target = job.cell.styles
         self.task = StyleTask(source, target, npz.load(folder / TARGET).skeleton)

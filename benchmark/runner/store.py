@@ -10,15 +10,15 @@ import contextlib
 import json
 import os
 import shutil
-import socket
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from benchmark.digest import file_digest
-from benchmark.errors import StoreError
+from benchmark.digest import digest, file_digest
+from benchmark.errors import ConfigError, StoreError
+from benchmark.runner.locking import held, is_held, try_lock, unlock
 
 STATUS = "status.json"
 
@@ -26,6 +26,12 @@ STATUS = "status.json"
 SCORES = "metrics.parquet"
 SCORES_MARK = "metrics.json"
 _LATER = {STATUS, SCORES, SCORES_MARK}
+
+#: How a cell can have ended.
+ENDS = ("ok", "skipped", "failed")
+
+#: Name under which facts carry the digest of all others.
+SEAL = "seal"
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,7 @@ class RunStore:
         if not folder.is_dir():
             return CellStatus("missing", "not run yet")
         try:
-            facts = json.loads((folder / STATUS).read_bytes())
+            facts = unsealed(json.loads((folder / STATUS).read_bytes()))
             files: dict[str, list] = facts.pop("files")
             present = {
                 path.relative_to(folder).as_posix(): path
@@ -90,8 +96,10 @@ class RunStore:
             problem = _compare(files, present, thorough)
             if problem is None and facts["key"] != key:
                 problem = f"{STATUS} is of another cell"
-            state, reason = str(facts["state"]), str(facts["reason"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            state, reason = facts["state"], facts["reason"]
+            if state not in ENDS or not isinstance(reason, str):
+                raise ValueError(f"the state is {state!r}")
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             return CellStatus("damaged", f"{STATUS} cannot be read ({error})")
         if problem is not None:
             return CellStatus("damaged", problem)
@@ -113,13 +121,14 @@ class RunStore:
         self, key: str, folder: Path, state: str, reason: str = "", facts: Mapping[str, Any] | None = None
     ) -> None:
         """Mark ``folder`` as complete and move it into the place of the cell, replacing what was there."""
+        reason = printable(reason)
         files = {}
         for path in sorted(folder.rglob("*")):
             if path.is_file() and not path.name.startswith("."):
                 stat = path.stat()
                 files[path.relative_to(folder).as_posix()] = [stat.st_size, stat.st_mtime_ns, file_digest(path)]
         status = {**(facts or {}), "key": key, "state": state, "reason": reason, "files": files}
-        write_json(folder / STATUS, status)
+        write_json(folder / STATUS, sealed(status))
         self._place(key, folder)
         if state != "failed":
             shutil.rmtree(self.work(key), ignore_errors=True)
@@ -161,11 +170,14 @@ class RunStore:
 
     def commit_failure(self, key: str, reason: str, traceback: str, log: str = "") -> None:
         """Store a failed cell: the reason and the traceback."""
-        with self.writing(key) as folder:
-            (folder / "traceback.txt").write_text(traceback, encoding="utf-8")
-            if log:
-                (folder / "log.jsonl").write_text(log, encoding="utf-8")
-            self.commit(key, folder, "failed", reason)
+        try:
+            with self.writing(key) as folder:
+                (folder / "traceback.txt").write_text(traceback, encoding="utf-8", errors="backslashreplace")
+                if log:
+                    (folder / "log.jsonl").write_text(log, encoding="utf-8", errors="backslashreplace")
+                self.commit(key, folder, "failed", reason)
+        except OSError as error:
+            raise unwritable(self.cell(key), error) from error
 
     def sweep(self, key: str = "") -> None:
         """Remove what killed processes left half written, of one cell or of all. Only under the lock.
@@ -179,8 +191,9 @@ class RunStore:
             for path in self.cells.glob(pattern):
                 if not any(name in path.name for name in held):
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
-        markers = [] if key else self.folder.glob(".coordinator-*")
-        for path in [*markers, *self.folder.glob(".*.part"), *self.cells.glob(f"{key or '*'}/.*.part")]:
+        # Of one cell, only what is its own: other shards may be writing the files of the run at this moment.
+        tops = [] if key else [*self.folder.glob(".coordinator-*"), *self.folder.glob(".*.part")]
+        for path in [*tops, *self.cells.glob(f"{key or '*'}/.*.part")]:
             if path.parent.name not in held:
                 path.unlink(missing_ok=True)
 
@@ -192,84 +205,32 @@ class RunStore:
         """
         self._lock_file(key).parent.mkdir(parents=True, exist_ok=True)
         with self._lock_file(key).open("a+", encoding="utf-8") as file:
-            while not _try_lock(file):
+            while not try_lock(file, shared=False):
                 time.sleep(poll)
             try:
                 yield
             finally:
-                _unlock(file)
+                unlock(file)
 
     def _lock_file(self, key: str) -> Path:
         return self.cells / ".locks" / key
 
     def _held(self, key: str) -> bool:
         """Whether a process holds a cell."""
-        return self._lock_file(key).is_file() and _is_held(self._lock_file(key))
-
-    def _open_lock(self) -> IO[str]:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            return (self.folder / ".lock").open("a+", encoding="utf-8")
-        except OSError as error:
-            raise StoreError(
-                f"cannot write to the run folder {self.folder} ({error.strerror}): choose another with --out"
-            ) from error
+        return self._lock_file(key).is_file() and is_held(self._lock_file(key))
 
     @contextlib.contextmanager
     def lock_shard(self, shard: str) -> Iterator[None]:
-        """Hold one part ``k/n`` of the run: other parts may be at work beside it, a whole run may not.
-
-        Raises
-        ------
-        StoreError
-            If the same part, a whole run, or a part of another division is at work.
-        """
-        own, _, parts = shard.partition("/")
-        with self._open_lock() as whole:
-            if not _try_lock(whole, shared=True):
-                raise StoreError(
-                    f"{self.folder} is in use by {_holder(whole)}: wait for it, or choose another folder with --out"
-                )
-            locks = self.folder / ".shards"
-            locks.mkdir(exist_ok=True)
-            with (locks / f"{own}-of-{parts}").open("a+", encoding="utf-8") as file:
-                if not _try_lock(file):
-                    raise StoreError(
-                        f"shard {shard} of {self.folder} is in use by {_holder(file)}: give each part to one process"
-                    )
-                _sign(file)
-                try:
-                    for path in locks.iterdir():
-                        if not path.name.endswith(f"-of-{parts}") and _is_held(path):
-                            raise StoreError(
-                                f"{self.folder} is at work in other parts ({path.name}): divide it by the same number"
-                            )
-                    yield
-                finally:
-                    file.truncate(0)
-                    file.flush()
-                    _unlock(file)
+        """Hold one part ``k/n`` of the run: other parts may be at work beside it; see :mod:`benchmark.runner.locking`."""
+        part, _, parts = shard.partition("/")
+        with held(self.folder, (int(part), int(parts))):
+            yield
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Hold the run folder; a second run in it, or a folder that cannot be written to, is a :class:`StoreError`.
-
-        The operating system drops the lock with the process that held it, so a dead run never blocks the next.
-        """
-        with self._open_lock() as file:
-            if not _try_lock(file):
-                shards = [path.name for path in self.folder.glob(".shards/*") if _is_held(path)]
-                holder = f"shard {shards[0]}" if shards else _holder(file)
-                raise StoreError(
-                    f"{self.folder} is in use by {holder}: wait for it, or choose another folder with --out"
-                )
-            _sign(file)
-            try:
-                yield
-            finally:
-                file.truncate(0)
-                file.flush()
-                _unlock(file)
+        """Hold the run folder against other runs and shards; see :mod:`benchmark.runner.locking`."""
+        with held(self.folder):
+            yield
 
 
 def _compare(files: Mapping[str, list], present: Mapping[str, Path], thorough: bool) -> str | None:
@@ -288,70 +249,63 @@ def _compare(files: Mapping[str, list], present: Mapping[str, Path], thorough: b
     return None
 
 
-def _holder(file: IO[str]) -> str:
-    file.seek(0)
-    return file.read().strip() or "another process"
+def sealed(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Facts with a digest of themselves, so that a flipped bit in one of them is seen."""
+    return {**facts, SEAL: digest(facts)}
 
 
-def _sign(file: IO[str]) -> None:
-    file.truncate(0)
-    file.write(f"process {os.getpid()} on {socket.gethostname()}")
-    file.flush()
-
-
-def _is_held(path: Path) -> bool:
-    """Whether a process holds a lock file."""
-    with path.open("a+", encoding="utf-8") as file:
-        free = _try_lock(file)
-        if free:
-            _unlock(file)
-    return not free
-
-
-def _try_lock(file: IO[str], *, shared: bool = False) -> bool:
-    """Take a lock without waiting; a ``shared`` one goes with others of its kind (not on Windows, which has none)."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        import msvcrt
-
+def unsealed(facts: Any) -> dict[str, Any]:
+    """The facts of :func:`sealed`; a ``ValueError`` if they are not those that were sealed. Facts without a seal pass."""
+    if not isinstance(facts, dict):
+        raise ValueError(f"a table was expected, not {type(facts).__name__}")
+    rest = {name: value for name, value in facts.items() if name != SEAL}
+    if SEAL in facts:
         try:
-            file.seek(1 << 20)
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        except OSError:
-            return False
-        return True
-    try:
-        fcntl.flock(file.fileno(), (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+            same = digest(rest) == facts[SEAL]
+        except ConfigError:  # NaN or infinity, which nobody writes
+            same = False
+        if not same:
+            raise ValueError("its digest is not that of its content")
+    return rest
 
 
-def _unlock(file: IO[str]) -> None:
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        import msvcrt
+def printable(text: str) -> str:
+    """A text that a method gave, for files and terminals: what neither can show is written as an escape."""
+    return "".join(
+        sign if sign.isprintable() or sign == " " else sign.encode("unicode_escape").decode("ascii") for sign in text
+    )
 
-        file.seek(1 << 20)
-        msvcrt.locking(file.fileno(), msvcrt.LK_UNLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        return
-    fcntl.flock(file.fileno(), fcntl.LOCK_UN)
+
+def unwritable(path: Path, error: OSError) -> StoreError:
+    """That a file of a run cannot be written, and what to do about it."""
+    return StoreError(
+        f"cannot write {path} ({error.strerror or error}): make room or mend the folder, and give the same command again; "
+        "finished cells are kept"
+    )
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A path beside ``path`` to write to; renamed over it when the block ends without an error."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """A path beside ``path`` to write to; renamed over it when the block ends without an error.
+
+    Raises
+    ------
+    StoreError
+        If the disk is full or the folder cannot be written to; ``path`` is then as it was.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        yield part
-        with part.open("rb") as file:
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield part
+            with part.open("rb") as file:
+                os.fsync(file.fileno())
+            part.replace(path)
+        finally:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -376,5 +330,5 @@ def read_json(path: Path) -> Any:
         raise StoreError(
             f"{path} is missing: {path.parent} is not a run folder, or its run did not get that far"
         ) from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise StoreError(f"{path} is damaged ({error}): run again") from error

@@ -13,6 +13,7 @@ from typing import Any
 
 from benchmark.digest import digest, file_digest
 from benchmark.errors import StoreError
+from benchmark.runner.items import read_items
 from benchmark.runner.job import MetricJob
 from benchmark.runner.parquet import write_rows
 from benchmark.runner.plan import Cell
@@ -195,7 +196,7 @@ def cell_rows(
         problem = {} if value is not None else {"status": "skipped", "reason": "not measured on this platform"}
         number = None if value is None else float(value)
         yield {**common, **_empty(name, unit), "value": number, "status": "ok", **problem}
-    for item in read_json(place / "items.json"):
+    for item in read_items(place):
         row = {name: item[name] for name in ("clip_id", "actor", "action", "seen_actor")}
         row |= {"value": item.get("transfer_seconds"), "status": item["state"], "reason": item["reason"]}
         yield {**common, **_empty("cost/transfer_seconds", "s"), **row}
@@ -324,11 +325,29 @@ def read_leaderboard(folder: Path) -> list[Row]:
         )
     numbers = {"target", "mean", "sd", "real_mean"}
     counts = {"n", "skipped", "failed", "repetitions", "real_n"}
-    with (folder / LEADERBOARD).open(encoding="utf-8", newline="") as file:
-        return [
-            {
-                key: (float(value) if value else None) if key in numbers else int(value) if key in counts else value
-                for key, value in row.items()
-            }
-            for row in csv.DictReader(file)
-        ]
+    path, line = folder / LEADERBOARD, 1
+    rows: list[Row] = []
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file, strict=True)
+            if tuple(reader.fieldnames or ()) != LEADERBOARD_COLUMNS:
+                raise ValueError(f"its columns must be {', '.join(LEADERBOARD_COLUMNS)}")
+            for cells in reader:
+                line = reader.line_num
+                if None in cells or None in cells.values():
+                    raise ValueError(f"there must be {len(LEADERBOARD_COLUMNS)} cells")
+                rows.append(
+                    {
+                        key: (float(value) if value else None)
+                        if key in numbers
+                        else int(value)
+                        if key in counts
+                        else value
+                        for key, value in cells.items()
+                    }
+                )
+    except (OSError, ValueError, csv.Error) as error:
+        raise StoreError(
+            f"{path}, line {line}: {error}; restore it with `python -m benchmark score {folder}`"
+        ) from error
+    return rows

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.errors import StoreError
+from benchmark.errors import MotionFileError, StoreError
 
 _ARRAYS, _FACTS = "arrays.npz", "facts.json"
 
@@ -25,9 +24,9 @@ def write_arrays(folder: Path, arrays: Mapping[str, NDArray], facts: Mapping[str
 
 def read_arrays(folder: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """What :func:`write_arrays` wrote; a :class:`~benchmark.errors.StoreError` for a folder that holds nothing of that kind."""
+    from benchmark.motion.npz import read_arrays as read_npz
+
     try:
-        with np.load(folder / _ARRAYS, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        return arrays, json.loads((folder / _FACTS).read_text())
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        return read_npz(folder / _ARRAYS), json.loads((folder / _FACTS).read_text())
+    except (OSError, ValueError, RecursionError, MotionFileError) as error:
         raise StoreError(f"{folder} holds no probe of this suite ({error}): remove it and fit again") from error

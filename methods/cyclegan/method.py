@@ -326,8 +326,7 @@ class CycleGan(Method):
         method.settings_ = header["settings"]
         method.facts_ = header["facts"]
         method.scales_ = {name: Scale(*pair) for name, pair in header["scales"].items()}
-        with np.load(folder / "reference.npz", allow_pickle=False) as file:
-            method.reference_ = file["reference"]
+        method.reference_ = npz.read_arrays(folder / "reference.npz")["reference"]
         method.body_ = npz.load(folder / "body.npz").skeleton
         forth, back = method._generators(method.settings_)
         method.generators_ = {"forth": forth.eval(), "back": back.eval()}

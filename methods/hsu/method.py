@@ -355,8 +355,7 @@ class Hsu(Method):
         from benchmark.motion import npz
 
         header = json.loads((folder / "hsu.json").read_text())
-        with np.load(folder / "models.npz", allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = npz.read_arrays(folder / "models.npz")
         method = cls(**header["params"])
         method.fps_ = header["fps"]
         method.ratio_ = header["ratio"]
