@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmark.runner.views import RESULT_COLUMNS
 from reports.claims.definitions import CLAIMS, Between, Claim, Contrast, Level, Nearer, Rated, Untestable
 from reports.claims.evidence import FAILS, HOLDS, UNTESTED, MissingEvidenceError, claim_verdicts, find, judge
 from reports.claims.table import write_claims
@@ -20,7 +21,8 @@ def make_run(folder: Path, scores: dict[str, dict[str, np.ndarray]], *, seeds: i
         for metric, values in metrics.items():
             for repetition, of_seed in enumerate(np.atleast_2d(values)):
                 for clip, value in enumerate(of_seed):
-                    row = {"source_style": "adult", "target_style": "child", "method": method, "metric": metric}
+                    row = dict.fromkeys(RESULT_COLUMNS, "")
+                    row |= {"source_style": "adult", "target_style": "child", "method": method, "metric": metric}
                     row |= {"clip_id": f"clip{clip:02d}", "actor": f"actor{clip % 4}", "action": "walk"}
                     row |= {"repetition": repetition, "variant": "raw", "value": value, "status": "ok", "reason": ""}
                     rows.append(row)

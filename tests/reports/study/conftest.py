@@ -91,6 +91,12 @@ def planted_run(folder: Path, *, dataset: str = "synthetic") -> RunView:
                     "action": action,
                     "actor": f"a{clip % 2}",
                     "reason": "",
+                    "seen_actor": False,
+                    "reference_ids": [],
+                    "has_truth": False,
+                    "variants": {"raw": None},
+                    "copied_from": None,
+                    "transfer_seconds": 0.1,
                 }
             )
             common = {

@@ -12,6 +12,7 @@ from benchmark.cli import call
 from benchmark.data.synthetic import SyntheticDataset
 from benchmark.motion import bvh, npz
 from benchmark.motion.quat import from_axis_angle, mul, rotate
+from benchmark.runner.views import RESULT_COLUMNS
 
 imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
 
@@ -46,10 +47,26 @@ def finished(files, tmp_path_factory) -> Path:
         for number, action in enumerate(("jog", "walk")):
             stem = f"{number:04d}"
             clip_id = f"adult/adult001/{action}_1"
-            items.append({"clip_id": clip_id, "action": "walk", "state": "ok", "stem": stem})
+            items.append(
+                {
+                    "clip_id": clip_id,
+                    "actor": "adult001",
+                    "action": action,
+                    "state": "ok",
+                    "reason": "",
+                    "stem": stem,
+                    "seen_actor": False,
+                    "reference_ids": [],
+                    "has_truth": False,
+                    "variants": {"raw": None},
+                    "copied_from": None,
+                    "transfer_seconds": 0.1,
+                }
+            )
             (cell / "outputs" / f"{stem}.raw.npz").write_bytes((files / name).read_bytes())
             rows.append(
                 {
+                    **dict.fromkeys(RESULT_COLUMNS, ""),
                     "cell_key": cell.name,
                     "method": method,
                     "repetition": 0,
