@@ -100,7 +100,12 @@ class RunView:
 
         try:
             # One thread: with more, each takes memory of its own for the texts, which costs more than it gains.
-            stored = parquet.read_table(self.folder / RESULTS, read_dictionary=list(FEW), use_threads=False)
+            stored = parquet.read_table(
+                self.folder / RESULTS,
+                read_dictionary=list(FEW),
+                use_threads=False,
+                page_checksum_verification=True,
+            )
             table: pd.DataFrame = stored.select(list(RESULT_COLUMNS)).to_pandas(split_blocks=True, self_destruct=True)
         except (OSError, ValueError, KeyError) as error:  # those of pyarrow are such
             raise StoreError(

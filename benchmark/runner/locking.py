@@ -57,13 +57,14 @@ def held(folder: Path, shard: tuple[int, int] | None = None) -> Iterator[None]:
                 raise ConfigError(f"shard {k}/{n}: the first number counts from 1 to the second")
             whole = stack.enter_context(_open(folder, LOCK))
             _take(stack, folder, whole, shared=True)
+            # First take, then look: of two that start at once under different divisions, at least one sees the other.
+            own = stack.enter_context(_open(folder, f"{SHARDS}/{k}-of-{n}"))
+            _take(stack, folder, own, shared=False, what=f"shard {k}/{n} of {folder}")
             for path in _shards(folder):
                 if not path.name.endswith(f"-of-{n}") and (holder := _living(path)):
                     raise StoreError(
                         f"{folder} is at work in other parts ({path.name}) by {holder}: divide it by the same number"
                     )
-            own = stack.enter_context(_open(folder, f"{SHARDS}/{k}-of-{n}"))
-            _take(stack, folder, own, shared=False, what=f"shard {k}/{n} of {folder}")
         yield
 
 

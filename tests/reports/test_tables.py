@@ -56,3 +56,18 @@ def test_metrics_without_any_value_take_no_column() -> None:
         {"method": ["a", "b", "a", "b"], "metric": ["x", "x", "y", "y"], "mean": [np.nan, 1.0, np.nan, np.nan]}
     )
     assert with_values(table)["metric"].tolist() == ["x", "x"]
+
+
+def test_a_flipped_byte_in_the_results_is_refused(finished, tmp_path):
+    import shutil
+
+    from benchmark.errors import StoreError
+    from reports.run import RunView
+
+    for name in ("results.parquet", "leaderboard.csv"):
+        shutil.copy(finished / name, tmp_path / name)
+    content = bytearray((tmp_path / "results.parquet").read_bytes())
+    content[len(content) // 3] ^= 1
+    (tmp_path / "results.parquet").write_bytes(content)
+    with pytest.raises(StoreError, match=r"results\.parquet is damaged"):
+        _ = RunView(tmp_path).results

@@ -109,3 +109,18 @@ def test_a_signature_that_cannot_be_read_blocks_nobody(tmp_path):
     with held(tmp_path):
         assert json.loads((tmp_path / LOCK).read_text())["pid"] == os.getpid()
     assert (tmp_path / LOCK).read_text() == ""
+
+
+def test_a_shard_takes_its_own_lock_before_it_looks_for_other_divisions(tmp_path, monkeypatch):
+    from benchmark.runner import locking
+
+    look, held_then = locking._shards, []
+
+    def looking(folder):
+        held_then.append(locking.is_held(folder / locking.SHARDS / "1-of-3"))
+        return look(folder)
+
+    monkeypatch.setattr(locking, "_shards", looking)
+    with locking.held(tmp_path, (1, 3)):
+        pass
+    assert held_then == [True]
