@@ -27,6 +27,7 @@ from eval.metrics.jump import (
     names_a_jump,
     recovery_duration,
 )
+from reports.escape import markdown_escape
 from reports.run import RunView
 from reports.tables import number
 
@@ -260,7 +261,14 @@ def markdown_jumps(cases: list[JumpCase]) -> str:
             told = [value for value in verdict.values() if value is not None]
             values = [f"{number(row.measures[claim])}{marks[claim]}" for claim in CLAIMS]
             score = f"{sum(told)} of {len(told)}" if told else ""
-            cells = [case.clip_id, _name(row), row.role, *values, number(row.measures["recovery_duration_s"]), score]
+            cells = [
+                markdown_escape(case.clip_id),
+                markdown_escape(_name(row)),
+                row.role,
+                *values,
+                number(row.measures["recovery_duration_s"]),
+                score,
+            ]
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from eval.meta.ordering import Ordering
 from reports.drawing import Drawing, save
+from reports.escape import latex_escape, markdown_escape
 from reports.figures.style import INK, PAGE, new_figure, style
 from reports.tables import arrow
 
@@ -106,7 +107,7 @@ def markdown(study: Study) -> str:
             for entry in study.corruptions:
                 sign = cell(study.orderings[metric, entry.name])
                 signs.append(f"**{sign} !**" if study.holds(metric, entry.name) is False else sign)
-            lines.append(f"| {_label(study, metric)} | " + " | ".join(signs) + " |")
+            lines.append(f"| {markdown_escape(_label(study, metric))} | " + " | ".join(signs) + " |")
     good, bad = study.verdicts()
     grades = "; ".join(f"{entry.title}: {', '.join(entry.labels[1:])}" for entry in study.corruptions)
     lines += [
@@ -139,10 +140,10 @@ def latex(study: Study) -> str:
         rf"metric & {heads} \\",
     ]
     for group, members in groups(study).items():
-        lines += [r"\midrule", rf"\multicolumn{{{columns + 1}}}{{l}}{{\textbf{{{group}}}}} \\"]
+        lines += [r"\midrule", rf"\multicolumn{{{columns + 1}}}{{l}}{{\textbf{{{latex_escape(group)}}}}} \\"]
         for metric in members:
             cells = " & ".join(_latex_cell(study, metric, entry.name) for entry in study.corruptions)
-            lines.append(rf"{metric.partition('/')[2]} & {cells} \\")
+            lines.append(rf"{latex_escape(metric.partition('/')[2])} & {cells} \\")
     lines += [r"\bottomrule", r"\end{tabular}", r"\end{table}"]
     return "\n".join(lines) + "\n"
 

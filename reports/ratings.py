@@ -14,8 +14,9 @@ from eval.ratings.analysis import Analysis, Plan, analyse
 from eval.ratings.observers import ObserverModel, observe
 from eval.ratings.reading import PEOPLE, SIMULATED, Ratings, read_ratings, read_stimuli
 from eval.ratings.writing import write_ratings, write_table
+from reports.escape import latex_escape, latex_label, markdown_escape
 from reports.run import FLOOR, RunView
-from reports.tables import latex_escape, number
+from reports.tables import number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -367,17 +368,17 @@ def _markdown(analysis: Analysis, plan: Plan, notes: Sequence[str]) -> str:
             "scores. What follows rehearses the analysis; it is no finding about what people see.",
             "",
         ]
-    lines += [f"- {note}" for note in notes] + [""] * bool(notes)
+    lines += [f"- {markdown_escape(note)}" for note in notes] + [""] * bool(notes)
     lines += [
         "Decided before any rating was seen: each question is a family of all pairs of conditions, tested by paired t tests "
         f"with Holm's correction at {plan.alpha:g}; a difference carries over to other clips only where the rater x "
-        f"clip interval agrees; equivalence with real {plan.target} motion within {100 * plan.margin:g} points, or "
-        f"{plan.natural_margin:g} steps of naturalness; raters right on {100 * plan.attention:g} % or less of the checks are "
-        "left out.",
+        f"clip interval agrees; equivalence with real {markdown_escape(plan.target)} motion within {100 * plan.margin:g} "
+        f"points, or {plan.natural_margin:g} steps of naturalness; raters right on {100 * plan.attention:g} % or less of the "
+        "checks are left out.",
         "",
     ]
     for heading, sentences in analysis.sections.items():
-        lines += [f"## {heading}{whose}", "", *(f"- {sentence}" for sentence in sentences), ""]
+        lines += [f"## {heading}{whose}", "", *(f"- {markdown_escape(sentence)}" for sentence in sentences), ""]
     return "\n".join(lines)
 
 
@@ -436,7 +437,7 @@ def latex_tukey(analysis: Analysis, stem: str = "ratings") -> str:
 def _latex_table(analysis: Analysis, name: str, columns: str, head: str, body: Sequence[str], caption: str) -> str:
     whose = "" if analysis.kind == PEOPLE else f"{analysis.kind[0].upper()}{analysis.kind[1:]}. "
     text = rf"\caption{{{latex_escape(whose + caption)}}}"
-    mark = rf"\label{{tab:{name}}}"
+    mark = rf"\label{{{latex_label(f'tab:{name}')}}}"
     if len(body) > ROWS_OF_A_PAGE:
         lines = [
             "% needs: booktabs, longtable",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from reports.escape import latex_escape, latex_label, markdown_escape
 from reports.run import RunView
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
         r"\begin{table}",
         r"\centering\small",
         rf"\caption{{{latex_escape(caption)}}}",
-        rf"\label{{{label}}}",
+        rf"\label{{{latex_label(label)}}}",
         rf"\begin{{tabular}}{{l{'r' * len(methods)}}}",
         r"\toprule",
         " & ".join(["metric", *(rf"\rotatebox{{60}}{{{latex_escape(labels[method])}}}" for method in methods)])
@@ -125,7 +126,7 @@ def markdown_leaderboard(table: pd.DataFrame) -> str:
 
     def head(row: Any) -> str:
         unit = "" if row.unit in ("", "1") else f", {row.unit}"
-        return f"{row.metric}{unit} {arrow(row.direction, row.target)}".strip()
+        return markdown_escape(f"{row.metric}{unit} {arrow(row.direction, row.target)}")
 
     def body(row: Any) -> str:
         if row is None or not np.isfinite(row.mean):
@@ -133,7 +134,7 @@ def markdown_leaderboard(table: pd.DataFrame) -> str:
         return f"{number(row.mean)} [{number(row.low)}, {number(row.high)}]" if row.n > 1 else number(row.mean)
 
     lines = [
-        "| metric | " + " | ".join(labels.values()) + " |",
+        "| metric | " + " | ".join(map(markdown_escape, labels.values())) + " |",
         "| --- |" + " ---: |" * len(labels),
         *(
             f"| {head(metrics[metric])} | " + " | ".join(body(cells.get((method, metric))) for method in labels) + " |"
@@ -141,24 +142,6 @@ def markdown_leaderboard(table: pd.DataFrame) -> str:
         ),
     ]
     return "\n".join(lines) + "\n"
-
-
-def latex_escape(text: str) -> str:
-    """Text as LaTeX prints it: special signs escaped, raised digits and the middle dot in mathematics."""
-    for plain, escaped in (
-        ("\\", r"\textbackslash "),
-        ("{", r"\{"),
-        ("}", r"\}"),
-        ("&", r"\&"),
-        ("%", r"\%"),
-        ("_", r"\_"),
-        ("#", r"\#"),
-        ("$", r"\$"),
-        ("^", r"\textasciicircum{}"),
-        ("~", r"\textasciitilde{}"),
-    ):
-        text = text.replace(plain, escaped)
-    return text.replace("²", "$^2$").replace("³", "$^3$").replace("·", r"$\cdot$")
 
 
 def write_tables(run: RunView) -> list[Path]:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eval.stats.bootstrap import clustered_mean
+from reports.escape import latex_escape, latex_label
 from reports.figures.trajectories import DEVIATION, HEADING
 from reports.run import RunView
-from reports.tables import latex_escape, number
+from reports.tables import number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,7 +70,7 @@ def latex_deviations(table: pd.DataFrame, *, caption: str, label: str, actions: 
         r"\begin{table}",
         r"\centering\small",
         rf"\caption{{{latex_escape(caption)}}}",
-        rf"\label{{{label}}}",
+        rf"\label{{{latex_label(label)}}}",
         rf"\begin{{tabular}}{{l{'r' * len(columns)}}}",
         r"\toprule",
         " & ".join(["method", *(rf"\rotatebox{{60}}{{{latex_escape(head)}}}" for head in heads)]) + r" \\",

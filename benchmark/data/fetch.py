@@ -232,7 +232,7 @@ def _receive(response: http.client.HTTPResponse, part: Path, have: int, total: i
         while True:
             report(have, total, "downloading")
             try:
-                chunk = response.read(_CHUNK)
+                chunk = response.read1(_CHUNK)  # what is there: a server that stalls must not take it back
             except (http.client.HTTPException, OSError) as error:
                 raise _InterruptedDownload(
                     f"the connection broke after {have} bytes ({type(error).__name__})"

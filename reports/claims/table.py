@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from reports.claims.evidence import claim_verdicts
-from reports.tables import latex_escape, number
+from reports.escape import latex_escape, markdown_escape
+from reports.tables import number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,8 +75,10 @@ def markdown(table: pd.DataFrame) -> str:
                     if len(rows) == 1
                     else f"{row.verdict}" + (f" (claim: {verdicts[str(name)]})" if place == 0 else "")
                 )
-                cells = [said, row.test, effect(row), p_value(row.p_holm), row.n, f"**{verdict}**", row.why]
-                lines.append("| " + " | ".join(str(cell).replace("|", "/") for cell in cells) + " |")
+                values = [said, row.test, effect(row), p_value(row.p_holm), row.n, verdict, row.why]
+                cells = [markdown_escape(str(value)) for value in values]
+                cells[5] = f"**{cells[5]}**"
+                lines.append("| " + " | ".join(cells) + " |")
         lines.append("")
     return "\n".join(lines)
 
@@ -104,12 +107,12 @@ def latex(table: pd.DataFrame) -> str:
         for row in group.itertuples():
             said = latex_escape(str(row.statement)) if row.claim != previous else ""
             previous = str(row.claim)
-            shown = effect(row).replace("−", "$-$").replace("–", "--")
+            shown = latex_escape(effect(row))
             cells = [
                 said,
                 latex_escape(str(row.test)),
                 shown,
-                p_value(row.p_holm).replace("<", "$<$").replace("–", "--"),
+                latex_escape(p_value(row.p_holm)),
                 str(row.verdict),
             ]
             lines.append(" & ".join(cells) + r" \\")

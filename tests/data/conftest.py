@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import threading
@@ -228,8 +229,10 @@ class Server:
     """A real HTTP server on loopback. ``faults`` are taken in turn, one a request, ``""`` for none.
 
     ``drop:N`` closes the connection after N bytes of the body; ``status:N`` answers with that code; ``wrong`` sends other
-    bytes of the same length; ``stray`` answers a range that starts ten bytes later. ``ranges``, ``lengths`` and ``etag`` say
-    what the server can do.
+    bytes of the same length; ``page`` answers with a web page, as portals do; ``stray`` answers a range that starts ten bytes
+    later. ``stall:N`` sends N bytes and then nothing more until the client goes away; ``silent`` does not even answer.
+    ``longer:N`` announces N bytes more than it sends, ``shorter:N`` N fewer, ``length:X`` the text X. ``to:URL`` redirects.
+    ``ranges``, ``lengths`` and ``etag`` say what the server can do.
     """
 
     url: str = ""
@@ -258,6 +261,17 @@ def server() -> Iterator[Server]:
             fault = state.faults.pop(0) if state.faults else ""
             kind, _, amount = fault.partition(":")
             body = state.content.get(self.path)
+            if kind == "silent":
+                self.wait()
+                return
+            if kind == "to":
+                self.send_response(302)
+                self.send_header("Location", amount)
+                self.send_header("Content-Length", "0")
+                self.end_headers()
+                return
+            if kind == "page":
+                body = b"<!doctype html><title>Please log in</title>"
             if kind == "status" or body is None:
                 self.send_response(int(amount or 404))
                 self.send_header("Content-Length", "0")
@@ -282,15 +296,28 @@ def server() -> Iterator[Server]:
             if state.etag is not None:
                 self.send_header("ETag", state.etag)
             if state.lengths:
-                self.send_header("Content-Length", str(len(body) - start))
+                length = len(body) - start
+                length += {"longer": 1, "shorter": -1}.get(kind, 0) * int(
+                    amount if kind in ("longer", "shorter") else 0
+                )
+                self.send_header("Content-Length", amount if kind == "length" else str(length))
             self.send_header("Connection", "close")
             self.end_headers()
             sent = body[start:]
             if kind == "wrong":
                 sent = bytes(len(sent))
-            if kind == "drop":
+            if kind in ("drop", "stall"):
                 sent = sent[: int(amount)]
-            self.wfile.write(sent)
+            with contextlib.suppress(ConnectionError):  # a client that was told of fewer bytes has gone
+                self.wfile.write(sent)
+            if kind == "stall":
+                self.wait()
+
+        def wait(self) -> None:
+            """Until the client closes the connection."""
+            self.wfile.flush()
+            with contextlib.suppress(OSError):
+                self.connection.recv(1)
 
     httpd = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     state.url = f"http://127.0.0.1:{httpd.server_port}"

@@ -80,6 +80,76 @@ def test_dropped_connections_resume_where_they_stopped(tiny, serving):
     assert len(waits) == 2
 
 
+def test_a_server_that_stalls_is_left_and_asked_for_the_rest(tiny, serving):
+    serving.faults = ["silent", "stall:50000", "stall:10000", ""]
+    result = fetch(tiny.card, url=f"{serving.url}/a.zip", sleep=lambda s: None, timeout=0.3)
+    assert contents(result.folder) == expected(tiny)
+    assert [request.get("Range") for request in serving.requests] == [None, None, "bytes=50000-", "bytes=60000-"]
+
+
+def test_a_server_that_only_stalls_is_given_up(tiny, serving, cache):
+    serving.faults = ["stall:0"] * 9
+    with pytest.raises(DataError, match=r"broke after 0 bytes \(TimeoutError\).*--from FILE"):
+        fetch(tiny.card, url=f"{serving.url}/a.zip", sleep=lambda s: None, timeout=0.2)
+    assert len(serving.requests) == 5 and leftovers(cache) == []
+
+
+def test_a_server_that_announces_too_much_owns_up_when_asked_for_the_rest(tiny, serving):
+    serving.faults = ["longer:1000"] * 20
+    assert contents(quick(tiny, serving)[0].folder) == expected(tiny)
+    assert len(serving.requests) == 2 and serving.requests[1]["Range"] == f"bytes={len(serving.content['/a.zip'])}-"
+
+
+def test_a_server_that_keeps_announcing_too_much_is_given_up(tiny, serving, cache):
+    serving.ranges = False
+    serving.faults = ["longer:1000"] * 20
+    with pytest.raises(DataError, match=r"closed after \d+ of \d+ bytes.*--from FILE"):
+        quick(tiny, serving)
+    assert fetched(tiny.card) is None and len(serving.requests) <= 12
+    serving.faults = []
+    assert contents(quick(tiny, serving)[0].folder) == expected(tiny)
+    assert leftovers(cache / "downloads") == []
+
+
+def test_a_server_that_announces_too_little_does_not_pass(tiny, serving, cache):
+    serving.faults = ["shorter:1000"]
+    with pytest.raises(DataError, match=r"cut short.*get it again"):
+        quick(tiny, serving)
+    assert fetched(tiny.card) is None and leftovers(cache) == []
+    assert contents(quick(tiny, serving)[0].folder) == expected(tiny)
+
+
+@pytest.mark.parametrize("length", ["-5", "many", "1e3", "0x10", "9" * 30])
+def test_lengths_that_are_none(tiny, serving, cache, length):
+    """Judged by the files where it is no number; one that no disk can hold is refused before anything is written."""
+    serving.faults = [f"length:{length}"]
+    if length.isdecimal():
+        with pytest.raises(DataError, match=r"needs \d+ MB"):
+            quick(tiny, serving)
+        assert leftovers(cache) == []
+    else:
+        assert contents(quick(tiny, serving)[0].folder) == expected(tiny)
+
+
+def test_a_web_page_in_place_of_the_archive_is_named(tiny, serving, cache):
+    serving.faults = ["page"]
+    with pytest.raises(DataError, match="not a zip archive"):
+        quick(tiny, serving)
+    assert leftovers(cache) == [] and fetched(tiny.card) is None
+
+
+def test_redirects_are_followed_to_web_addresses_only(tiny, serving, cache, tmp_path):
+    tiny.archive(tmp_path / "secret.zip")
+    serving.content["/moved.zip"] = serving.content["/a.zip"]
+    serving.faults = ["to:/moved.zip", "drop:50000"]
+    assert contents(quick(tiny, serving)[0].folder) == expected(tiny)
+    for target in ((tmp_path / "secret.zip").as_uri(), "ftp://127.0.0.1:9/a.zip", "/a.zip"):
+        serving.faults = [f"to:{target}"] * 99
+        with pytest.raises(DataError, match=r"cannot download .*a\.zip"):
+            quick(tiny, serving, again=True)
+        assert leftovers(cache / "downloads") == []
+
+
 def test_a_later_call_resumes_what_an_earlier_one_left(tiny, serving, cache):
     serving.faults = ["drop:50000"] + ["status:503"] * 9
     with pytest.raises(DataError, match=r"503.*go on from byte 50000.*--from FILE"):
