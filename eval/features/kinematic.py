@@ -18,6 +18,8 @@ from benchmark.motion.skeleton import SIDES
 from eval.features.sequence import RATE, TIME_UNIT, pose_sequence, rate
 from eval.metrics.shared import per_clip
 
+Array = NDArray[np.float64]
+
 #: Seconds of a window, and from one window to the next.
 WINDOW, HOP = 2.0, 1.0
 
@@ -36,6 +38,14 @@ _JERK_FLOOR = 1e-3
 
 #: Power of a rate, dimensionless, per frame and coordinate, below which there is nothing that could have a rhythm.
 _STILL = 1e-6
+
+#: Where the segments begin that are looked at: trunk and upper limbs, and the lower limbs; and how they hang at rest.
+_SWINGING = ("hips", *(f"{side}_{_JOINTS[limb][0]}" for side, limb in _LIMBS))
+_BENDING = tuple(f"{side}_{_JOINTS[limb][1]}" for side, limb in _LIMBS)
+_RESTING = np.array([[0.0, 1.0, 0.0], *[[0.0, -1.0, 0.0]] * len(_LIMBS)])[:, None, None]
+_UPPER_LENGTHS, _LOWER_LENGTHS = (
+    np.array([_LENGTHS[limb][part] for _, limb in _LIMBS])[:, None, None, None] for part in (0, 1)
+)
 
 _SWINGS = ("trunk", *(f"{side}-{_JOINTS[limb][0]}" for side, limb in _LIMBS))
 _BENDS = tuple(f"{side}-{_JOINTS[limb][1]}" for side, limb in _LIMBS)
@@ -67,7 +77,7 @@ STEADY: tuple[int, ...] = tuple(
 
 
 @per_clip
-def kinematic_features(clip: MotionClip) -> NDArray[np.float64]:
+def kinematic_features(clip: MotionClip) -> Array:
     """Kinematic features of the windows of a clip.
 
     Everything is computed on :func:`~eval.features.sequence.pose_sequence` at 30 frames a second, so it depends neither on
@@ -100,12 +110,12 @@ def kinematic_features(clip: MotionClip) -> NDArray[np.float64]:
         raise NotApplicableError(
             f"{len(sequence)} frames at 30 a second are too few to describe a movement: 4 are needed"
         )
-    features = np.stack([_describe(sequence[span]) for span in window_spans(len(sequence))])
+    features = _describe(np.stack([sequence[span] for span in window_spans(len(sequence))]))
     features.flags.writeable = False
     return features
 
 
-def stabilised(features: NDArray[np.float64]) -> NDArray[np.float64]:
+def stabilised(features: Array) -> Array:
     """(N, D') the :data:`STEADY` of (N, D) kinematic features, with speeds and rates by their square roots.
 
     A few lively windows have several times the usual speed; where Gaussians are fitted or distances taken, plain speeds let
@@ -140,82 +150,86 @@ def _spans(frames: int, size: int, step: int) -> tuple[slice, ...]:
     return tuple(slice(int(start), int(start) + size) for start in np.round(np.linspace(0, rest, count)))
 
 
-def _describe(sequence: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(D,) the features of one window (T, channels)."""
+def _describe(sequences: Array) -> Array:
+    """(W, D) the features of windows (W, T, channels)."""
     segments = len(SEGMENTS)
-    directions = sequence[:, : 3 * segments].reshape(-1, segments, 3)
-    hip_line, shoulder_line = sequence[:, 3 * segments : 3 * segments + 6].reshape(-1, 2, 3).transpose(1, 0, 2)
-    travel, yaw_rate = sequence[:, -4:-1], sequence[:, -1]
+    windows, frames = sequences.shape[:2]
+    directions = sequences[..., : 3 * segments].reshape(windows, frames, segments, 3)
+    lines = sequences[..., 3 * segments : 3 * segments + 6].reshape(windows, frames, 2, 3)
+    travel, yaw_rate = sequences[..., -4:-1], sequences[..., -1]
 
-    trunk = directions[:, _INDEX["hips"]]
-    upper = {key: directions[:, _INDEX[f"{key[0]}_{_JOINTS[key[1]][0]}"]] for key in _LIMBS}
-    lower = {key: directions[:, _INDEX[f"{key[0]}_{_JOINTS[key[1]][1]}"]] for key in _LIMBS}
-    reach = {key: _LENGTHS[key[1]][0] * upper[key] + _LENGTHS[key[1]][1] * lower[key] for key in _LIMBS}
-    velocity = {key: _rate(reach[key]) for key in _LIMBS}
-    speed = {key: np.linalg.norm(velocity[key], axis=-1) for key in _LIMBS}
-    floor_speed = np.linalg.norm(travel[:, [0, 2]], axis=-1)
-    down, up = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    bend = {key: _angle(upper[key], lower[key]) for key in _LIMBS}
+    # Parts of the body come first: (trunk and 4 upper limbs | 4 limbs, W, T, 3).
+    swinging = np.stack([directions[:, :, _INDEX[joint]] for joint in _SWINGING])
+    upper = swinging[1:]
+    lower = np.stack([directions[:, :, _INDEX[joint]] for joint in _BENDING])
+    reach = _UPPER_LENGTHS * upper + _LOWER_LENGTHS * lower
+    velocity, trunk_velocity = _rate(reach), _rate(swinging[0])
+    speed = np.linalg.norm(velocity, axis=-1)
+    floor_speed = np.linalg.norm(travel[..., [0, 2]], axis=-1)
+    bend = _angle(upper, lower)
+    arms, legs = velocity[:2], velocity[2:]
 
-    arms, legs = ([velocity[side, limb] for side in SIDES] for limb in ("arm", "leg"))
     values = [
-        *(value for key in _LIMBS for value in (speed[key].mean(), speed[key].std())),
-        np.linalg.norm(_rate(trunk), axis=-1).mean(),
-        floor_speed.mean(),
-        floor_speed.std(),
-        _rms(travel[:, 1]),
+        *np.stack([speed.mean(axis=-1), speed.std(axis=-1)], axis=1).reshape(-1, windows),
+        np.linalg.norm(trunk_velocity, axis=-1).mean(axis=-1),
+        floor_speed.mean(axis=-1),
+        floor_speed.std(axis=-1),
+        _rms(travel[..., 1]),
         _rms(yaw_rate),
-        *(_swing(direction) for direction in (trunk, *upper.values())),
-        *(np.ptp(bend[key]) for key in _LIMBS),
-        _angle(trunk, up).mean(),
-        *(_angle(direction, down).mean() for direction in upper.values()),
-        *(bend[key].mean() for key in _LIMBS),
-        _rms(_angle(hip_line, shoulder_line)),
-        *(_centroid(np.concatenate(parts, axis=1)) for parts in (arms, legs, [_rate(trunk)])),
-        _synchrony([(arms[0], arms[1])]),
-        _synchrony([(legs[0], legs[1])]),
-        _synchrony(list(zip(arms, legs, strict=True))),
-        *(_log_jerk([reach[side, limb] for side in SIDES]) for limb in ("arm", "leg")),
+        *_swing(swinging),
+        *np.ptp(bend, axis=-1),
+        *_angle(swinging, _RESTING).mean(axis=-1),
+        *bend.mean(axis=-1),
+        _rms(_angle(lines[:, :, 0], lines[:, :, 1])),
+        *(_centroid(parts) for parts in (arms, legs, trunk_velocity[None])),
+        _synchrony(arms[:1], arms[1:]),
+        _synchrony(legs[:1], legs[1:]),
+        _synchrony(arms, legs),
+        *(_log_jerk(parts) for parts in (reach[:2], reach[2:])),
     ]
-    return np.array(values, dtype=np.float64)
+    return np.stack(values, axis=1)
 
 
-def _rate(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return rate(values, RATE) * TIME_UNIT
+def _rate(values: Array) -> Array:
+    """(..., T, C) change in a unit of time."""
+    return np.moveaxis(rate(np.moveaxis(values, -2, 0), RATE), 0, -2) * TIME_UNIT
 
 
-def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _rms(values: Array) -> Array:
+    """(W,) of (W, T)."""
+    return np.sqrt(np.mean(values**2, axis=-1))
 
 
-def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(T,) angles between unit vectors in radians, exact near 0 and pi too."""
+def _angle(a: Array, b: Array) -> Array:
+    """(...,) angles between unit vectors (..., 3) in radians, exact near 0 and pi too."""
     return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
 
 
-def _swing(directions: NDArray[np.float64]) -> float:
-    """Largest angle between any two of (T, 3) unit vectors, radians."""
-    return float(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0)))
+def _swing(directions: Array) -> Array:
+    """(...,) largest angle between any two of (..., T, 3) unit vectors, radians."""
+    return np.arccos(np.clip((directions @ directions.swapaxes(-1, -2)).min(axis=(-2, -1)), -1.0, 1.0))
 
 
-def _centroid(velocity: NDArray[np.float64]) -> float:
-    """Power-weighted mean frequency in Hz of (T, C) velocities, without their mean, under a Hann taper."""
-    centred = (velocity - velocity.mean(axis=0)) * np.hanning(len(velocity) + 2)[1:-1, None]
-    power = (np.abs(np.fft.rfft(centred, axis=0)) ** 2).sum(axis=1)
-    power[0] = 0.0
-    frequencies = np.fft.rfftfreq(len(velocity), 1.0 / RATE)
-    floor = _STILL * centred.size * len(velocity)
-    return float((power * frequencies).sum() / (power.sum() + floor))
+def _centroid(velocity: Array) -> Array:
+    """(W,) power-weighted mean frequency in Hz of (parts, W, T, 3) velocities, without their mean, under a Hann taper."""
+    _, windows, frames, _ = velocity.shape
+    centred = (velocity - velocity.mean(axis=2, keepdims=True)) * np.hanning(frames + 2)[1:-1, None]
+    power = (np.abs(np.fft.rfft(centred, axis=2)) ** 2).sum(axis=(0, 3))
+    power[:, 0] = 0.0
+    frequencies = np.fft.rfftfreq(frames, 1.0 / RATE)
+    floor = _STILL * (centred.size // windows) * frames
+    return (power * frequencies).sum(axis=1) / (power.sum(axis=1) + floor)
 
 
-def _synchrony(pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> float:
-    """Correlation of the fore-aft components of pairs of (T, 3) velocities, taken together, in [-1, 1]."""
-    one, two = (np.stack([pair[i][:, 2] for pair in pairs]) for i in range(2))
-    one, two = (values - values.mean(axis=1, keepdims=True) for values in (one, two))
-    return float((one * two).sum() / (np.sqrt((one**2).sum() * (two**2).sum()) + _STILL * one.size))
+def _synchrony(one: Array, two: Array) -> Array:
+    """(W,) correlation of the fore-aft components of pairs of (pairs, W, T, 3) velocities, taken together, in [-1, 1]."""
+    one, two = (values[..., 2] - values[..., 2].mean(axis=-1, keepdims=True) for values in (one, two))
+    floor = _STILL * one.shape[0] * one.shape[2]
+    both = np.sqrt((one**2).sum(axis=(0, 2)) * (two**2).sum(axis=(0, 2)))
+    return (one * two).sum(axis=(0, 2)) / (both + floor)
 
 
-def _log_jerk(reaches: list[NDArray[np.float64]]) -> float:
-    """Decimal logarithm of the mean over limbs (T, 3) and frames of dimensionless jerk."""
-    jerk = [np.linalg.norm(np.diff(reach, n=3, axis=0), axis=-1).mean() * (RATE * TIME_UNIT) ** 3 for reach in reaches]
-    return float(np.log10(np.mean(jerk) + _JERK_FLOOR))
+def _log_jerk(reaches: Array) -> Array:
+    """(W,) decimal logarithm of the mean over limbs and frames of the dimensionless jerk of (limbs, W, T, 3)."""
+    jerk = np.linalg.norm(np.diff(reaches, n=3, axis=2), axis=-1).mean(axis=(0, 2)) * (RATE * TIME_UNIT) ** 3
+    return np.log10(jerk + _JERK_FLOOR)

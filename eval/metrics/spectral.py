@@ -29,22 +29,22 @@ _ENDS = ("head", *(f"{side}_{part}" for side in SIDES for part in ("wrist", "ank
 _NYQUIST, _BINS, _STILL = 15.0, 61, 1e-8
 
 
-def spectral_arc_length(speed: NDArray[np.float64], rate: float) -> float:
-    """Arc length of the normalised spectrum of a speed profile (n,), negative; nearer to 0 is smoother.
+def spectral_arc_length(speed: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+    """(...,) arc length of the normalised spectra of speed profiles (..., n), negative; nearer to 0 is smoother.
 
     ``-int_0^wc sqrt((1 / wc)^2 + (dV/dw)^2) dw`` with ``V = |FFT(speed)|`` over its value at 0, up to the last frequency below
     10 Hz at which V reaches 0.05 (Balasubramanian et al. 2015, equation 11).
     """
-    length = 2 ** (int(np.ceil(np.log2(len(speed)))) + _PADDING)
+    length = 2 ** (int(np.ceil(np.log2(speed.shape[-1]))) + _PADDING)
     spectrum = np.abs(np.fft.rfft(speed, length))
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
-    spectrum = spectrum[frequency <= _HIGHEST] / spectrum.max()
+    spectrum = spectrum[..., frequency <= _HIGHEST] / spectrum.max(axis=-1, keepdims=True)
     frequency = frequency[frequency <= _HIGHEST]
-    last = int(np.flatnonzero(spectrum >= _SHARE)[-1])
-    if last == 0:
-        return 0.0
-    step = np.diff(frequency[: last + 1]) / frequency[last]
-    return -float(np.sqrt(step**2 + np.diff(spectrum[: last + 1]) ** 2).sum())
+    counts = np.arange(1, len(frequency))
+    last = np.where(spectrum[..., 1:] >= _SHARE, counts, 0).max(axis=-1, keepdims=True)
+    step = np.diff(frequency) / np.maximum(frequency[last], frequency[1])
+    arcs = np.sqrt(step**2 + np.diff(spectrum) ** 2)
+    return -np.sum(arcs, axis=-1, where=counts <= last)
 
 
 @per_clip
@@ -56,15 +56,11 @@ def mean_arc_length(clip: MotionClip) -> float:
     if len(clip) < max(_SHORTEST * clip.fps, 2 * step + 1):
         raise NotApplicableError(f"spectral arc length needs {_SHORTEST:g} s, and the clip lasts {clip.duration:.2g} s")
     speed = np.linalg.norm(difference(clip.positions[:, joints], clip.fps), axis=-1)[::step] / speed_unit(clip)
-    lengths = [
-        spectral_arc_length(profile, rate)
-        for start, stop in windows(len(speed), rate, _WINDOW)
-        for profile in speed[start:stop].T
-        if profile.mean() > _RESTING
-    ]
-    if not lengths:
+    profiles = np.concatenate([speed[start:stop].T for start, stop in windows(len(speed), rate, _WINDOW)])
+    moving = profiles[profiles.mean(axis=1) > _RESTING]
+    if not len(moving):
         raise NotApplicableError("head, hands and feet rest in this clip")
-    return float(np.mean(lengths))
+    return float(spectral_arc_length(moving, rate).mean())
 
 
 class SpectralArcLength(Metric):
@@ -104,15 +100,11 @@ def power_spectra(clip: MotionClip) -> NDArray[np.float64]:
         raise NotApplicableError(f"a power spectrum needs {_SHORTEST:g} s, and the clip lasts {clip.duration:.2g} s")
     length = round(_WINDOW * rate) + 1
     grid = np.linspace(0.0, _NYQUIST, _BINS)
-    total = np.zeros((_BINS, directions.shape[1]))
-    spans = windows(len(directions), rate, _WINDOW)
-    for start, stop in spans:
-        part = directions[start:stop] - directions[start:stop].mean(axis=0)
-        part = part * np.hanning(len(part) + 2)[1:-1, None]
-        spectrum = np.abs(np.fft.rfft(part, 2 * length, axis=0)) ** 2 / len(part)
-        frequency = np.fft.rfftfreq(2 * length, 1.0 / rate)
-        total += np.stack([np.interp(grid, frequency, column, right=0.0) for column in spectrum.T], axis=1)
-    return total / len(spans)
+    parts = np.stack([directions[start:stop] for start, stop in windows(len(directions), rate, _WINDOW)])
+    parts = (parts - parts.mean(axis=1, keepdims=True)) * np.hanning(parts.shape[1] + 2)[1:-1, None]
+    spectrum = (np.abs(np.fft.rfft(parts, 2 * length, axis=1)) ** 2).mean(axis=0) / parts.shape[1]
+    frequency = np.fft.rfftfreq(2 * length, 1.0 / rate)
+    return np.stack([np.interp(grid, frequency, column, right=0.0) for column in spectrum.T], axis=1)
 
 
 def power_spectrum_distance(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> float:
