@@ -27,7 +27,7 @@ from eval.metrics.jump import (
     names_a_jump,
     recovery_duration,
 )
-from reports.escape import markdown_escape
+from reports.markdown import markdown_escape
 from reports.run import RunView
 from reports.tables import number
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from eval.meta.ordering import Ordering
 from reports.drawing import Drawing, save
-from reports.escape import latex_escape, markdown_escape
 from reports.figures.style import INK, PAGE, new_figure, style
+from reports.latex import fitted, latex_escape
+from reports.markdown import markdown_escape
 from reports.tables import arrow
 
 if TYPE_CHECKING:
@@ -125,6 +126,13 @@ def latex(study: Study) -> str:
     """A booktabs table like :func:`markdown`, cells shaded by effect."""
     columns = len(study.corruptions)
     heads = " & ".join(rf"\rotatebox{{60}}{{{entry.title}}}" for entry in study.corruptions)
+    tabular = [rf"\begin{{tabular}}{{l{'c' * columns}}}", r"\toprule", rf"metric & {heads} \\"]
+    for group, members in groups(study).items():
+        tabular += [r"\midrule", rf"\multicolumn{{{columns + 1}}}{{l}}{{\textbf{{{latex_escape(group)}}}}} \\"]
+        for metric in members:
+            cells = " & ".join(_latex_cell(study, metric, entry.name) for entry in study.corruptions)
+            tabular.append(rf"{latex_escape(metric.partition('/')[2])} & {cells} \\")
+    tabular += [r"\bottomrule", r"\end{tabular}"]
     lines = [
         "% needs: booktabs, graphicx, amssymb, xcolor with option table",
         r"\begin{table}",
@@ -135,16 +143,9 @@ def latex(study: Study) -> str:
             r"the number is the smallest grade that is seen. A frame: not as declared. Shade: effect at the last grade.}"
         ),
         r"\label{tab:metrics-check}",
-        rf"\begin{{tabular}}{{l{'c' * columns}}}",
-        r"\toprule",
-        rf"metric & {heads} \\",
+        *fitted(tabular),
+        r"\end{table}",
     ]
-    for group, members in groups(study).items():
-        lines += [r"\midrule", rf"\multicolumn{{{columns + 1}}}{{l}}{{\textbf{{{latex_escape(group)}}}}} \\"]
-        for metric in members:
-            cells = " & ".join(_latex_cell(study, metric, entry.name) for entry in study.corruptions)
-            lines.append(rf"{latex_escape(metric.partition('/')[2])} & {cells} \\")
-    lines += [r"\bottomrule", r"\end{tabular}", r"\end{table}"]
     return "\n".join(lines) + "\n"
 
 

@@ -14,7 +14,8 @@ from eval.ratings.analysis import Analysis, Plan, analyse
 from eval.ratings.observers import ObserverModel, observe
 from eval.ratings.reading import PEOPLE, SIMULATED, Ratings, read_ratings, read_stimuli
 from eval.ratings.writing import write_ratings, write_table
-from reports.escape import latex_escape, latex_label, markdown_escape
+from reports.latex import latex_escape, latex_label
+from reports.markdown import markdown_escape
 from reports.run import FLOOR, RunView
 from reports.tables import number
 
@@ -441,7 +442,7 @@ def _latex_table(analysis: Analysis, name: str, columns: str, head: str, body: S
     if len(body) > ROWS_OF_A_PAGE:
         lines = [
             "% needs: booktabs, longtable",
-            r"{\small",
+            r"{\footnotesize\setlength{\tabcolsep}{3pt}\setlength{\LTcapwidth}{\linewidth}",
             rf"\begin{{longtable}}{{{columns}}}",
             rf"{text} {mark} \\",
             *(r"\toprule", head, r"\midrule", r"\endfirsthead"),

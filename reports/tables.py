@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reports.escape import latex_escape, latex_label, markdown_escape
+from reports.latex import fitted, latex_escape, latex_label
+from reports.markdown import markdown_escape
 from reports.run import RunView
 
 if TYPE_CHECKING:
@@ -87,12 +88,7 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
             return number(row.mean)
         return rf"\shortstack[r]{{{number(row.mean)}\\{{\tiny [{number(row.low)}, {number(row.high)}]}}}}"
 
-    lines = [
-        "% needs: booktabs, graphicx",
-        r"\begin{table}",
-        r"\centering\small",
-        rf"\caption{{{latex_escape(caption)}}}",
-        rf"\label{{{latex_label(label)}}}",
+    tabular = [
         rf"\begin{{tabular}}{{l{'r' * len(methods)}}}",
         r"\toprule",
         " & ".join(["metric", *(rf"\rotatebox{{60}}{{{latex_escape(labels[method])}}}" for method in methods)])
@@ -101,6 +97,14 @@ def latex_leaderboard(table: pd.DataFrame, *, caption: str, label: str) -> str:
         *(" & ".join([head(metric), *(body(method, metric) for method in methods)]) + r" \\" for metric in metrics),
         r"\bottomrule",
         r"\end{tabular}",
+    ]
+    lines = [
+        "% needs: booktabs, graphicx",
+        r"\begin{table}",
+        r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
+        rf"\caption{{{latex_escape(caption)}}}",
+        rf"\label{{{latex_label(label)}}}",
+        *fitted(tabular),
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eval.stats.bootstrap import clustered_mean
-from reports.escape import latex_escape, latex_label
 from reports.figures.trajectories import DEVIATION, HEADING
+from reports.latex import fitted, latex_escape, latex_label
 from reports.run import RunView
 from reports.tables import number
 
@@ -65,12 +65,7 @@ def latex_deviations(table: pd.DataFrame, *, caption: str, label: str, actions: 
     columns = [(metric, "all") for metric in metrics] + [(DEVIATION, action) for action in widest]
     heads = [_NAMES[metric] if action == "all" else action.replace("-", " ") for metric, action in columns]
     labels = dict(zip(table["method"], table["label"], strict=True))
-    lines = [
-        "% needs: booktabs, graphicx",
-        r"\begin{table}",
-        r"\centering\small",
-        rf"\caption{{{latex_escape(caption)}}}",
-        rf"\label{{{latex_label(label)}}}",
+    tabular = [
         rf"\begin{{tabular}}{{l{'r' * len(columns)}}}",
         r"\toprule",
         " & ".join(["method", *(rf"\rotatebox{{60}}{{{latex_escape(head)}}}" for head in heads)]) + r" \\",
@@ -81,6 +76,14 @@ def latex_deviations(table: pd.DataFrame, *, caption: str, label: str, actions: 
         ),
         r"\bottomrule",
         r"\end{tabular}",
+    ]
+    lines = [
+        "% needs: booktabs, graphicx",
+        r"\begin{table}",
+        r"\centering\small",
+        rf"\caption{{{latex_escape(caption)}}}",
+        rf"\label{{{latex_label(label)}}}",
+        *fitted(tabular),
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"

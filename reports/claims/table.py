@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from reports.claims.evidence import claim_verdicts
-from reports.escape import latex_escape, markdown_escape
+from reports.latex import latex_escape
+from reports.markdown import markdown_escape
 from reports.tables import number
 
 if TYPE_CHECKING:
@@ -94,7 +95,8 @@ def latex(table: pd.DataFrame) -> str:
         caption += " Rows on ratings: simulated observers, not people."
     lines = [
         "% needs: booktabs, longtable, array",
-        r"\begin{longtable}{p{0.30\linewidth}p{0.27\linewidth}rrl}",
+        r"{\footnotesize\setlength{\tabcolsep}{3pt}\setlength{\LTcapwidth}{\linewidth}",
+        r"\begin{longtable}{@{}*{2}{>{\raggedright\arraybackslash}p{0.245\linewidth}}rrl@{}}",
         rf"\caption{{{caption}}}\label{{tab:claims}}\\",
         r"\toprule",
         r"claim & test & effect & $p$ & verdict \\",
@@ -117,4 +119,4 @@ def latex(table: pd.DataFrame) -> str:
             ]
             lines.append(" & ".join(cells) + r" \\")
         lines.append(r"\addlinespace")
-    return "\n".join([*lines, r"\bottomrule", r"\end{longtable}"]) + "\n"
+    return "\n".join([*lines, r"\bottomrule", r"\end{longtable}", "}"]) + "\n"

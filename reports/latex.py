@@ -1,11 +1,14 @@
-"""Texts that come from files, as the table formats print them and never as commands of theirs."""
+"""What tables for LaTeX share: texts from files as LaTeX prints them, never as its commands, and tables that fit the page."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+
+from reports.markdown import one_line
 
 #: One sign to its LaTeX; all at once, so that what an earlier sign became is not read again.
-_LATEX = str.maketrans(
+_SIGNS = str.maketrans(
     {
         "\\": r"\textbackslash{}",
         "{": r"\{",
@@ -28,12 +31,10 @@ _LATEX = str.maketrans(
     }
 )
 
-_MARKDOWN = str.maketrans({"\\": r"\\", "|": r"\|", "`": r"\`", "*": r"\*", "&": "&amp;", "<": "&lt;"})
-
 
 def latex_escape(text: str) -> str:
     """Text as LaTeX prints it: special signs escaped, raised digits and dashes as LaTeX has them, in one line."""
-    return _one_line(text).translate(_LATEX)
+    return one_line(text).translate(_SIGNS)
 
 
 def latex_label(text: str) -> str:
@@ -41,11 +42,6 @@ def latex_label(text: str) -> str:
     return re.sub(r"[^\w:.+-]|_", "-", text, flags=re.ASCII)
 
 
-def markdown_escape(text: str) -> str:
-    """Text for a line or a table cell of Markdown: no markup, no HTML, no link, in one line."""
-    # Brackets alone are text (``holden[large]``); what makes them a link or a picture is what follows.
-    return re.sub(r"\](?=[(\[:])", r"\\]", _one_line(text).translate(_MARKDOWN))
-
-
-def _one_line(text: str) -> str:
-    return " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())
+def fitted(tabular: Iterable[str]) -> list[str]:
+    r"""The lines of a ``tabular``, drawn smaller where it is wider than the page; needs ``graphicx``."""
+    return [r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%", *tabular, "}"]

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reports.escape import latex_escape, latex_label, markdown_escape
+from reports.latex import latex_escape, latex_label
+from reports.markdown import markdown_escape
 
 
 @pytest.mark.parametrize(
