@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,8 +18,8 @@ from benchmark.api import (
     TrainView,
     TransferResult,
 )
-from benchmark.errors import ConfigError, DataError
-from benchmark.motion.clip import ClipMeta, MotionClip
+from benchmark.errors import ConfigError
+from benchmark.motion.clip import MotionClip
 from methods._torch.presets import resolve
 
 if TYPE_CHECKING:
@@ -37,16 +36,6 @@ Array = NDArray[np.float64]
 
 #: Share of the progress bar that is pre-training.
 _PRETRAINING = 0.3
-
-
-@dataclass(frozen=True, eq=False)
-class _Example:
-    """A training clip of the target style: its id and action, normalised channels (T, D), and content (N, S)."""
-
-    clip_id: str
-    action: str
-    channels: NDArray[np.float32]
-    content: Array
 
 
 class CycleGanKc(Method):
@@ -147,6 +136,7 @@ class CycleGanKc(Method):
         code_deps=(
             "methods.cyclegan_kc",
             "methods.holden.channels",
+            "methods.holden.corpus",
             "methods.holden.descent",
             "methods.holden.exemplars",
             "methods.holden.network",
@@ -267,24 +257,18 @@ class CycleGanKc(Method):
         from methods._torch.word_bank import WordBank
         from methods.cyclegan_kc.losses import mean_squared_acceleration
         from methods.cyclegan_kc.training import PairSampler
+        from methods.holden import corpus
         from methods.holden.channels import Layout, Scaling
-        from methods.holden.exemplars import content
 
         chosen = self.settings_ = self._settings()
-        sources, targets = self._training_clips(train, task)
+        sources, targets = corpus.training_clips("cyclegan-kc", train, task)
         self.body_ = task.target_skeleton or targets[0].skeleton
         self.layout_ = Layout.of(self.body_)
-        arrays = []
-        for index, clip in enumerate((*sources, *targets)):
-            ctx.report(0.0, f"reading {clip.meta.clip_id} ({index + 1}/{len(sources) + len(targets)})")
-            arrays.append(self._channels(clip))
+        arrays = corpus.read_channels([*sources, *targets], self.body_, self.layout_, chosen["fps"], ctx.report)
         self.scaling_ = Scaling.fit(self.layout_, arrays)
         self.acceleration_ = mean_squared_acceleration(self.layout_, arrays)
         arrays = [self.scaling_.apply(array) for array in arrays]
-        self.examples_ = tuple(
-            _Example(clip.meta.clip_id, clip.meta.action, array.astype(np.float32), content(clip))
-            for clip, array in zip(targets, arrays[len(sources) :], strict=True)
-        )
+        self.examples_ = corpus.make_examples(targets, arrays[len(sources) :])
 
         device = device_for(ctx.device)
         length = 2 * max(1, round(0.5 * chosen["seconds"] * chosen["fps"]))
@@ -306,6 +290,7 @@ class CycleGanKc(Method):
         from benchmark.motion.resample import resample
         from benchmark.motion.retarget import retarget
         from methods.cyclegan_kc.refinement import Padded, draw
+        from methods.holden.corpus import choose_examples, resampled
 
         chosen = self.settings_
         skeleton = source.skeleton if task.target_skeleton is None else task.target_skeleton
@@ -315,7 +300,7 @@ class CycleGanKc(Method):
             work = own
         channels = self.layout_.encode(work)
         low = self.scaling_.apply(channels)
-        picked, known = self._chosen(source)
+        picked, known = choose_examples(self.examples_, source, chosen["exemplars"])
         drawn = draw(
             self.generator_,
             self.decoder_,
@@ -326,7 +311,7 @@ class CycleGanKc(Method):
             step=chosen["refine_step"],
         )
         out = drawn.channels - low if chosen["residual"] else drawn.channels
-        made = _resampled(out, work.times, source.times)
+        made = resampled(out, work.times, source.times)
         if chosen["residual"]:
             made = (channels if work is own else self.layout_.encode(own, contacts=False)) + made * self.scaling_.scale
         else:
@@ -343,56 +328,39 @@ class CycleGanKc(Method):
 
     def save(self, folder: Path) -> None:
         """Write weights, statistics and the target style's clips as safetensors, and the loss curves."""
-        import torch
-
-        from benchmark.motion import npz, quat
         from methods._torch.weights import write_tensors
+        from methods.holden import corpus
 
         facts = {
             "params": self.params(),
             "settings": self.settings_,
             "acceleration": self.acceleration_,
             "facts": self.facts_,
-            "examples": [[example.clip_id, example.action] for example in self.examples_],
+            "examples": corpus.names_of(self.examples_),
         }
         tensors = {f"generator/{name}": value for name, value in self.generator_.state_dict().items()}
-        tensors |= {"scaling/offset": torch.from_numpy(self.scaling_.offset)}
-        tensors |= {"scaling/scale": torch.from_numpy(self.scaling_.scale)}
-        for index, example in enumerate(self.examples_):
-            tensors[f"example/{index}/channels"] = torch.from_numpy(example.channels)
-            tensors[f"example/{index}/content"] = torch.from_numpy(example.content)
+        tensors |= corpus.to_tensors(self.scaling_, self.examples_)
         write_tensors(folder / "cyclegan-kc.safetensors", tensors, facts)
-        fps = self.settings_["fps"]
-        rest = MotionClip(self.body_, quat.identity(1, len(self.body_)), np.zeros((1, 3)), fps, ClipMeta())
-        npz.save(rest, folder / "body.npz")
+        corpus.save_body(self.body_, self.settings_["fps"], folder)
         self.pretraining_.save(folder / "pretrain.parquet")
         self.history_.save(folder / "train.parquet")
 
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Read what :meth:`save` wrote; loss curves stay on disk."""
-        from benchmark.motion import npz
         from methods._torch.history import History
         from methods._torch.weights import read_tensors, under
-        from methods.holden.channels import Layout, Scaling
+        from methods.holden import corpus
+        from methods.holden.channels import Layout
 
         tensors, facts = read_tensors(folder / "cyclegan-kc.safetensors")
         method = cls(**facts["params"])
         method.settings_ = facts["settings"]
         method.acceleration_ = facts["acceleration"]
         method.facts_ = facts["facts"]
-        method.body_ = npz.load(folder / "body.npz").skeleton
+        method.body_ = corpus.load_body(folder)
         method.layout_ = Layout.of(method.body_)
-        method.scaling_ = Scaling(tensors["scaling/offset"].numpy(), tensors["scaling/scale"].numpy())
-        method.examples_ = tuple(
-            _Example(
-                clip_id,
-                action,
-                tensors[f"example/{index}/channels"].numpy(),
-                tensors[f"example/{index}/content"].numpy(),
-            )
-            for index, (clip_id, action) in enumerate(facts["examples"])
-        )
+        method.scaling_, method.examples_ = corpus.from_tensors(tensors, facts["examples"])
         generator = method._generator()
         generator.load_state_dict(under(tensors, "generator/"))
         method.pretraining_, method.history_ = History(), History()
@@ -429,24 +397,6 @@ class CycleGanKc(Method):
             if not chosen[name] >= 0:
                 raise ConfigError(f"cyclegan-kc: {name} must not be negative, and it is {chosen[name]}")
         return chosen
-
-    def _training_clips(self, train: TrainView, task: StyleTask) -> tuple[list[MotionClip], list[MotionClip]]:
-        found = []
-        for style in (task.source_style, task.target_style):
-            found.append([clip for clip in train.clips(style) if len(clip) > 1])
-            if not found[-1]:
-                raise DataError(
-                    f"cyclegan-kc needs training clips of the style {style!r} with two frames or more; there are none"
-                )
-        return found[0], found[1]
-
-    def _channels(self, clip: MotionClip) -> Array:
-        """Channels of a training clip on the common body, at the working rate where that leaves two frames."""
-        from benchmark.motion.resample import resample
-        from benchmark.motion.retarget import retarget
-
-        slow = resample(clip, self.settings_["fps"])
-        return self.layout_.encode(retarget(slow if len(slow) > 1 else clip, self.body_))
 
     def _generator(self) -> Generator:
         from methods.cyclegan_kc.network import Generator
@@ -571,17 +521,6 @@ class CycleGanKc(Method):
                 Padded(example.channels, self._margin()).style(generator) for example in self.examples_
             ]
 
-    def _chosen(self, source: MotionClip) -> tuple[list[int], bool]:
-        """Numbers of the examples that lend their style, and whether they are of the source's action."""
-        from methods.holden.exemplars import content, nearest
-
-        every = range(len(self.examples_))
-        same = [number for number in every if self.examples_[number].action == source.meta.action]
-        pool = same or list(every)
-        contents = [self.examples_[number].content for number in pool]
-        found = nearest(content(source), contents, self.settings_["exemplars"])
-        return [pool[index] for index, _ in found], bool(same)
-
     def _margin(self) -> int:
         """Frames of padding on either side, even, over which the zeros beyond the ends are out of the filters' reach."""
         chosen = self.settings_
@@ -609,14 +548,3 @@ def _posed(layout: Layout, values: Array, own: MotionClip) -> MotionClip:
     turned = np.concatenate([[0.0], np.cumsum(values[:-1, layout.velocity][:, 2] / own.fps)])
     # The root's place is composed again from the velocities by `decode`; here it only has to turn with the body.
     return layout.decode(values, turn_frames(own, turned - (yaw - yaw[0])))
-
-
-def _resampled(values: Array, times: Array, at: Array) -> Array:
-    """Values (T, D) at ``times``, by cubic splines at other times; the last value holds beyond the last time."""
-    if len(times) == len(at) and np.array_equal(times, at):
-        return values
-    from scipy.interpolate import make_interp_spline
-
-    # The same spline as that of scipy's `CubicSpline`, in half of the time.
-    spline = make_interp_spline(times, values, k=min(3, len(times) - 1))
-    return np.asarray(spline(np.minimum(at, times[-1])))

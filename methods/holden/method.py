@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,27 +19,19 @@ from benchmark.api import (
     TrainView,
     TransferResult,
 )
-from benchmark.errors import ConfigError, DataError
-from benchmark.motion.clip import ClipMeta, MotionClip
+from benchmark.errors import ConfigError
+from benchmark.motion.clip import MotionClip
 from methods._torch.presets import resolve
 
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from methods.holden.corpus import Example
+
 Array = NDArray[np.float64]
 
 #: By how much the root may be sped up or slowed down, and the mean speed, in leg lengths per second, below which it is not.
 SPEED_LIMITS, STANDING_SPEED = (0.5, 2.0), 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class _Example:
-    """A training clip of the target style: its id and action, normalised channels (T, D), and content (N, S)."""
-
-    clip_id: str
-    action: str
-    channels: NDArray[np.float32]
-    content: Array
 
 
 class Holden(Method):
@@ -182,24 +173,18 @@ class Holden(Method):
         """Train the autoencoder on the clips of both styles."""
         from methods._torch.device import device_for, isolated_random
         from methods._torch.word_bank import WordBank
+        from methods.holden import corpus
         from methods.holden.channels import Layout, Scaling
-        from methods.holden.exemplars import content
         from methods.holden.network import Autoencoder
 
         self.settings_ = self._settings()
-        sources, targets = self._training_clips(train, task)
+        sources, targets = corpus.training_clips("holden", train, task)
         self.body_ = task.target_skeleton or targets[0].skeleton
         self.layout_ = Layout.of(self.body_)
-        arrays = []
-        for index, clip in enumerate((*sources, *targets)):
-            ctx.report(0.0, f"reading {clip.meta.clip_id} ({index + 1}/{len(sources) + len(targets)})")
-            arrays.append(self._channels(clip))
+        arrays = corpus.read_channels([*sources, *targets], self.body_, self.layout_, self.settings_["fps"], ctx.report)
         self.scaling_ = Scaling.fit(self.layout_, arrays)
         arrays = [self.scaling_.apply(array) for array in arrays]
-        self.examples_ = tuple(
-            _Example(clip.meta.clip_id, clip.meta.action, array.astype(np.float32), content(clip))
-            for clip, array in zip(targets, arrays[len(sources) :], strict=True)
-        )
+        self.examples_ = corpus.make_examples(targets, arrays[len(sources) :])
 
         device = device_for(ctx.device)
         length = self._window()
@@ -216,6 +201,7 @@ class Holden(Method):
         """Give ``source`` the style, on ``task.target_skeleton``, at its own frame rate and length."""
         from benchmark.motion.resample import resample
         from benchmark.motion.retarget import retarget
+        from methods.holden.corpus import choose_examples, resampled
 
         skeleton = source.skeleton if task.target_skeleton is None else task.target_skeleton
         own = retarget(source, self.body_)
@@ -224,10 +210,11 @@ class Holden(Method):
         if len(work) < 2:
             work = own
         low = self.scaling_.apply(given if work is own else self.layout_.encode(work))
-        chosen, known = self._chosen(source)
+        numbers, known = choose_examples(self.examples_, source, self.settings_["exemplars"])
+        chosen = [self.examples_[number] for number in numbers]
         out, ratio = self._stylised(low, chosen)
 
-        spread = _resampled(out - low if self.settings_["residual"] else out, work.times, source.times)
+        spread = resampled(out - low if self.settings_["residual"] else out, work.times, source.times)
         if self.settings_["residual"]:
             values = self.scaling_.invert(self.scaling_.apply(given) + spread)
         else:
@@ -245,55 +232,37 @@ class Holden(Method):
 
     def save(self, folder: Path) -> None:
         """Write weights, statistics and the target style's clips as safetensors, and the loss curve."""
-        import torch
-
-        from benchmark.motion import npz, quat
         from methods._torch.weights import write_tensors
+        from methods.holden import corpus
 
         facts = {
             "params": self.params(),
             "settings": self.settings_,
             "noise_seed": self.noise_seed_,
-            "examples": [[example.clip_id, example.action] for example in self.examples_],
+            "examples": corpus.names_of(self.examples_),
         }
         tensors = {f"network/{name}": value for name, value in self.network_.state_dict().items()}
-        tensors |= {"scaling/offset": torch.from_numpy(self.scaling_.offset)}
-        tensors |= {"scaling/scale": torch.from_numpy(self.scaling_.scale)}
-        for index, example in enumerate(self.examples_):
-            tensors[f"example/{index}/channels"] = torch.from_numpy(example.channels)
-            tensors[f"example/{index}/content"] = torch.from_numpy(example.content)
+        tensors |= corpus.to_tensors(self.scaling_, self.examples_)
         write_tensors(folder / "holden.safetensors", tensors, facts)
-        rest = MotionClip(
-            self.body_, quat.identity(1, len(self.body_)), np.zeros((1, 3)), self.settings_["fps"], ClipMeta()
-        )
-        npz.save(rest, folder / "body.npz")
+        corpus.save_body(self.body_, self.settings_["fps"], folder)
         self.history_.save(folder / "train.parquet")
 
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Read what :meth:`save` wrote."""
-        from benchmark.motion import npz
         from methods._torch.history import History
         from methods._torch.weights import read_tensors, under
-        from methods.holden.channels import Layout, Scaling
+        from methods.holden import corpus
+        from methods.holden.channels import Layout
         from methods.holden.network import Autoencoder
 
         tensors, facts = read_tensors(folder / "holden.safetensors")
         method = cls(**facts["params"])
         method.settings_ = facts["settings"]
         method.noise_seed_ = facts["noise_seed"]
-        method.body_ = npz.load(folder / "body.npz").skeleton
+        method.body_ = corpus.load_body(folder)
         method.layout_ = Layout.of(method.body_)
-        method.scaling_ = Scaling(tensors["scaling/offset"].numpy(), tensors["scaling/scale"].numpy())
-        method.examples_ = tuple(
-            _Example(
-                clip_id,
-                action,
-                tensors[f"example/{index}/channels"].numpy(),
-                tensors[f"example/{index}/content"].numpy(),
-            )
-            for index, (clip_id, action) in enumerate(facts["examples"])
-        )
+        method.scaling_, method.examples_ = corpus.from_tensors(tensors, facts["examples"])
         method.network_ = Autoencoder(method.layout_.dim, method.settings_["filters"], method.settings_["width"])
         method.network_.load_state_dict(under(tensors, "network/"))
         method.network_.requires_grad_(False)
@@ -331,27 +300,9 @@ class Holden(Method):
             raise ConfigError("holden: style_weight and content_weight are both 0: there is nothing to descend to")
         return settings
 
-    def _training_clips(self, train: TrainView, task: StyleTask) -> tuple[list[MotionClip], list[MotionClip]]:
-        found = []
-        for style in (task.source_style, task.target_style):
-            found.append([clip for clip in train.clips(style) if len(clip) > 1])
-            if not found[-1]:
-                raise DataError(
-                    f"holden needs training clips of the style {style!r} with two frames or more; there are none"
-                )
-        return found[0], found[1]
-
     def _window(self) -> int:
         """Frames of a training window, even because the encoder halves them."""
         return 2 * max(1, round(0.5 * self.settings_["seconds"] * self.settings_["fps"]))
-
-    def _channels(self, clip: MotionClip) -> Array:
-        """Channels of a training clip on the common body, at the working rate where that leaves two frames."""
-        from benchmark.motion.resample import resample
-        from benchmark.motion.retarget import retarget
-
-        slow = resample(clip, self.settings_["fps"])
-        return self.layout_.encode(retarget(slow if len(slow) > 1 else clip, self.body_))
 
     def _train(self, bank: Any, rng: np.random.Generator, ctx: FitContext) -> Any:
         import torch
@@ -389,16 +340,7 @@ class Holden(Method):
             report=ctx.report,
         )
 
-    def _chosen(self, source: MotionClip) -> tuple[list[_Example], bool]:
-        """The examples that lend their style, and whether they are of the source's action."""
-        from methods.holden.exemplars import content, nearest
-
-        same = [example for example in self.examples_ if example.action == source.meta.action]
-        pool: Sequence[_Example] = same or self.examples_
-        found = nearest(content(source), [example.content for example in pool], self.settings_["exemplars"])
-        return [pool[index] for index, _ in found], bool(same)
-
-    def _stylised(self, values: Array, examples: Sequence[_Example]) -> tuple[Array, float]:
+    def _stylised(self, values: Array, examples: Sequence[Example]) -> tuple[Array, float]:
         """Normalised channels (T, D) in the style of ``examples``, and by how much the root's speed is scaled."""
         import torch
 
@@ -505,12 +447,3 @@ class Holden(Method):
         hidden = self.network_.encode(self._padded(channels))
         inner = self._margin() // 2
         return gram(hidden[..., inner : hidden.shape[-1] - inner])[0]
-
-
-def _resampled(values: Array, times: Array, at: Array) -> Array:
-    """Values (T, D) at ``times``, by cubic splines at other times; the last value holds beyond the last time."""
-    if len(times) == len(at) and np.array_equal(times, at):
-        return values
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(times, values, axis=0)(np.minimum(at, times[-1])))

@@ -21,6 +21,7 @@ from benchmark.motion.retarget import retarget
 from methods.cyclegan_kc.method import CycleGanKc, _posed
 from methods.cyclegan_kc.network import halved, statistics
 from methods.cyclegan_kc.refinement import Padded, draw
+from methods.holden.corpus import choose_examples
 
 BODY = perform("walk", CHILD, 1).skeleton
 TASK = StyleTask(ADULT, CHILD, BODY)
@@ -87,7 +88,7 @@ def test_a_result_is_nearer_to_the_style_than_its_source() -> None:
 @pytest.mark.parametrize("step", [0.01, 5.0])
 def test_refinement_never_raises_the_kinematic_loss_and_lowers_it_with_sane_steps(iterations: int, step: float) -> None:
     method, source = trained(), perform("walk", ADULT, 3)
-    picked, _ = method._chosen(source)
+    picked, _ = choose_examples(method.examples_, source, method.settings_["exemplars"])
     drawn = draw(
         method.generator_,
         method.decoder_,

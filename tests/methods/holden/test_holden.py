@@ -22,6 +22,7 @@ from benchmark.motion.kinematics import fk
 from benchmark.motion.resample import resample
 from benchmark.motion.retarget import retarget
 from methods.holden.channels import Layout, Scaling
+from methods.holden.corpus import choose_examples
 from methods.holden.descent import Constraints, descend, gram, style_objective
 from methods.holden.exemplars import content, nearest
 from methods.holden.method import Holden
@@ -277,7 +278,8 @@ def test_results_meet_the_constraints_better_than_without_the_projection() -> No
     free = copy(method)
     free.settings_ = {**method.settings_, "constraint_iterations": 0}
     values = method.scaling_.apply(method.layout_.encode(retarget(resample(source, 30.0), method.body_)))
-    examples, _ = method._chosen(source)
+    numbers, _ = choose_examples(method.examples_, source, method.settings_["exemplars"])
+    examples = [method.examples_[number] for number in numbers]
     clip = retarget(perform("walk", ADULT, 3, fps=30.0), method.body_)
     constraints, _ = _constraints(clip, method.layout_)
     found = []
