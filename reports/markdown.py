@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 
-_SIGNS = str.maketrans({"\\": r"\\", "|": r"\|", "`": r"\`", "*": r"\*", "&": "&amp;", "<": "&lt;"})
+#: What begins code or emphasis or ends a cell; a tag, an entity or a link, where that is what would follow; and at the start of
+#: a text, what would define a link. Plain brackets, names_with_underscores and ``p < .001`` stay as they are.
+_MARKUP = re.compile(r"[\\|`*]|(?<![^\W_])_|_(?![^\W_])|~(?=~)|(?<=~)~|<(?=[A-Za-z/!?])|&(?=#?\w+;)|\](?=\()|^\[")
 
 
 def markdown_escape(text: str) -> str:
     """Text for a line or a table cell of Markdown: no markup, no HTML, no link, in one line."""
-    # Brackets alone are text (``holden[large]``); what makes them a link or a picture is what follows.
-    return re.sub(r"\](?=[(\[:])", r"\\]", one_line(text).translate(_SIGNS))
+    return _MARKUP.sub(lambda found: {"<": "&lt;", "&": "&amp;"}.get(found[0], "\\" + found[0]), one_line(text))
 
 
 def one_line(text: str) -> str:

@@ -38,13 +38,16 @@ def test_latex_holds_no_open_group_comment_or_command_but_ours(text):
 @pytest.mark.parametrize(
     ("text", "markdown"),
     [
-        ("holden[large] a_b", "holden[large] a_b"),
+        ("holden[large]: p < .001 & a_b", "holden[large]: p < .001 & a_b"),
         ("a|b", r"a\|b"),
         (r"a\|b", r"a\\\|b"),
         ("<img src=x onerror=alert(1)>", "&lt;img src=x onerror=alert(1)>"),
-        ("&lt;b", "&amp;lt;b"),
-        ("[click](javascript:alert(1))", r"[click\](javascript:alert(1))"),
-        ("![x][y] [y]: z", r"![x\][y] [y\]: z"),
+        ("</td> <!-- <?x", "&lt;/td> &lt;!-- &lt;?x"),
+        ("&lt;b &#60;b", "&amp;lt;b &amp;#60;b"),
+        ("[click](javascript:alert(1))", r"\[click\](javascript:alert(1))"),
+        ("a ![x](y) [y]: z", r"a ![x\](y) [y]: z"),
+        ("[y]: javascript:alert(1)", r"\[y]: javascript:alert(1)"),
+        ("_a_ b_c _", r"\_a\_ b_c \_"),
         ("**bold** `code`", r"\*\*bold\*\* \`code\`"),
         ("a\n# head\r\n| b", r"a # head \| b"),
     ],
@@ -57,7 +60,15 @@ def test_markdown(text, markdown):
 def test_a_markdown_cell_stays_one_cell(text):
     escaped = markdown_escape(text)
     assert escaped.splitlines() in ([], [escaped])
-    assert not set(re.sub(r"\\[\\|`*\]]", "", escaped)) & set("|`*<\\")
+    left = re.sub(r"\\[\\|`*_~\[\]]", "", escaped)
+    assert not set(left) & set("|`*\\") and "](" not in left and not left.startswith("[")
+
+
+@given(st.text(alphabet="_*~`<>[]()!&;:#ab1 |\\\"'=/"))
+def test_a_reader_of_markdown_shows_the_text_that_was_meant(text):
+    reader = pytest.importorskip("markdown_it").MarkdownIt("commonmark").enable(["table", "strikethrough"])
+    html = reader.renderInline(markdown_escape(f"x{text}"))
+    assert "<" not in re.sub(r"&lt;", "", html)
 
 
 def test_labels_hold_no_sign_of_latex():
