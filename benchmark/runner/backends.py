@@ -45,6 +45,9 @@ PRELOADED = (
 PRELOADED_TO_SCORE = (*PRELOADED, "scipy.signal", "scipy.fft", "torch")
 
 
+#: Seconds between tries to start a process, while a fork server ends.
+_PAUSES = (0.0, 0.02, 0.1, 0.3, 1.0, 3.0)
+
 #: What a backend can run.
 Job = CellJob | ProbeJob
 
@@ -215,10 +218,12 @@ class Processes:
                 one.output.close()
 
     def _start(self, job: Job) -> _Running:
-        # If the fork server has just been ended (for lack of memory, or by a method) the next one is asked.
-        for _ in range(3):
+        # If the fork server has just been ended (for lack of memory, or by a method) the next one is asked. It takes its place
+        # once the system has put the old one away, which on a busy machine comes a while after it stopped listening.
+        for pause in _PAUSES:
             with contextlib.suppress(EOFError, ConnectionError):
                 return self._start_once(job)
+            time.sleep(pause)
         return self._start_once(job)
 
     def _start_once(self, job: Job) -> _Running:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmark.api import NotApplicableError
 from benchmark.runner.views import read_leaderboard
 from reports.comparison import COMPARISON
 from reports.drawing import Drawing
 from reports.figures.headline import headline_metrics
 from reports.figures.style import FAINT, INK, PAGE, REAL, RIGHT, new_figure, style
-from reports.ratings import STATS
+from reports.figures.values import statistics_table
 from reports.run import RunView
 
 if TYPE_CHECKING:
@@ -181,15 +182,10 @@ def _panel(axes: Axes, table: pd.DataFrame, lines: list[tuple[str, str | None]],
 
 
 def ablation_forest(run: RunView) -> list[Drawing]:
-    """What each ablation changes: differences of variants from their method with intervals; nothing where a run has none."""
+    """What each ablation changes: differences of variants from their method with intervals."""
     import pandas as pd
 
-    path = run.folder / STATS / COMPARISON
-    if not path.is_file():
-        return []
-    stored = pd.read_csv(path)
-    if "variant" not in stored:
-        return []
+    stored = statistics_table(run, COMPARISON)
     drawings = []
     for task in run.tasks:
         part = stored[(stored["task"] == task) & (stored["variant"] == "raw")]
@@ -228,4 +224,6 @@ def ablation_forest(run: RunView) -> list[Drawing]:
                 data=table,
             )
         )
+    if not drawings:
+        raise NotApplicableError("no method was run beside variants of it, such as cyclegan and cyclegan[coherence=0]")
     return drawings

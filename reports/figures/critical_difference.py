@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmark.api import NotApplicableError
 from reports.comparison import COMPARISON, RANKS
 from reports.drawing import Drawing
 from reports.figures.headline import headline_metrics
 from reports.figures.style import FAINT, INK, PAGE, RIGHT, fitted, new_figure, style
-from reports.ratings import STATS
+from reports.figures.values import statistics_table
 from reports.run import RunView
 from reports.tables import arrow
 
@@ -189,12 +190,7 @@ def critical_difference(run: RunView) -> list[Drawing]:
     """Mean ranks of methods by one metric of each group, one page a task; what they are not told apart by is under a bar."""
     import pandas as pd
 
-    path = run.folder / STATS / RANKS
-    if not path.is_file():
-        return []
-    stored = pd.read_csv(path)
-    if "variant" not in stored:
-        return []
+    stored = statistics_table(run, RANKS)
     drawings = []
     for task in run.tasks:
         table = stored[
@@ -226,6 +222,8 @@ def critical_difference(run: RunView) -> list[Drawing]:
                 data=part,
             )
         )
+    if not drawings:
+        raise NotApplicableError("there are no three methods with values for the same clips, which ranks need")
     return drawings
 
 

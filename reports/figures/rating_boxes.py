@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmark.api import NotApplicableError
 from reports.drawing import Drawing
 from reports.figures.style import COLUMN, FAINT, INK, LEFT, PAGE, RIGHT, new_figure, style
+from reports.figures.values import no_statistics
 from reports.ratings import STATS, ratings_stem
 from reports.run import RunView
 
@@ -290,4 +292,6 @@ def ratings(run: RunView) -> list[Drawing]:
         )
         if drawing is not None:
             drawings.append(drawing)
+    if not drawings:
+        raise NotApplicableError(no_statistics(run))
     return drawings
