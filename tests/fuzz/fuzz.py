@@ -34,7 +34,7 @@ def fuzz_one(name: str, arguments: list[str]) -> None:
     """The body of one target's process; libFuzzer ends it."""
     import atheris
 
-    with atheris.instrument_imports(include=["benchmark", "eval", "methods._torch.weights"]):
+    with atheris.instrument_imports(include=["benchmark", "eval", "methods._torch.weights", "tomllib"]):
         import targets
 
         target = targets.TARGETS[name]
