@@ -90,6 +90,10 @@ def test_typed_values(text, value):
     assert type(parse_value(text)) is type(value)
 
 
+def test_a_value_of_endless_brackets_is_text():
+    assert parse_value("[" * 5000) == "[" * 5000
+
+
 def test_settings_survive_being_written(tmp_path):
     config = load_config(
         flags={

@@ -321,7 +321,7 @@ def _settings(folder: Path, given: Mapping[str, Any]) -> FolderSettings:
     if path.is_file():
         try:
             written = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
             raise ConfigError(f"{path}: is not TOML: {error}") from error
     known = FolderSettings.model_fields
     for key in written:
