@@ -160,6 +160,11 @@ FOUND = {
     "a mark whose digests are a number": ("mark", b'{"digests": 1, "sha256": "", "size": 1, "mtime_ns": 1}', None),
     "a table of another kind": ("parquet", b"PAR1" + bytes(40) + b"PAR1", None),
     "a table of endless rows": ("parquet", (HERE / "found" / "parquet-of-endless-rows").read_bytes(), None),
+    "a table of statistics that contradict one another": (
+        "parquet",
+        (HERE / "found" / "parquet-of-statistics-that-contradict").read_bytes(),
+        None,
+    ),
     "a pattern of a hundred stars": (
         "settings",
         b'pattern = "{style}/{action}' + b"*" * 100 + b'=%s"\n',
