@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, field_validator
 
 from benchmark.errors import ConfigError, UnknownNameError
+from benchmark.toml import parse_toml
 
 Overwrite = Literal["missing", "always", "never", "only-cached"]
 Variant = Literal["raw", "cleaned"]
@@ -259,8 +260,8 @@ def to_toml(config: RunConfig) -> str:
 def parse_value(text: str) -> Any:
     """A value typed on the command line: TOML where it is TOML (``1``, ``2.5``, ``true``, ``[1, 2]``), else the text."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):  # the parser calls itself for each bracket
+        return parse_toml(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
         return text
 
 
@@ -277,10 +278,10 @@ def _assignments(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ConfigError(f"no settings file {path}") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: {error}") from error
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import tomllib
 from fnmatch import fnmatchcase
 from functools import cache
 from importlib import resources
@@ -16,6 +15,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from benchmark.errors import DataError, UnknownNameError
+from benchmark.toml import parse_toml
 
 Protocol = Literal["paper", "actors-kfold", "take-block", "action", "auto"]
 
@@ -148,7 +148,7 @@ def load_card(card_id: str) -> Card:
 def parse_card(content: bytes, name: str) -> Card:
     """The card in the TOML text ``content`` of file ``name``; a :class:`~benchmark.errors.DataError` names file and field."""
     try:
-        fields = tomllib.loads(content.decode("utf-8"))
+        fields = parse_toml(content.decode("utf-8"))
         # TOML has lists where the card has tuples: JSON-mode validation is strict about everything else.
         return Card.model_validate_json(json.dumps(fields))
     except ValidationError as error:

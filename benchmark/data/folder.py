@@ -22,6 +22,7 @@ from benchmark.digest import digest as json_digest
 from benchmark.errors import ConfigError, DataError, UnknownNameError
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.skeleton import CORE_ROLES, Skeleton
+from benchmark.toml import parse_toml
 
 SETTINGS = "dataset.toml"
 
@@ -320,8 +321,8 @@ def _settings(folder: Path, given: Mapping[str, Any]) -> FolderSettings:
     written: dict[str, Any] = {}
     if path.is_file():
         try:
-            written = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+            written = parse_toml(path.read_text(encoding="utf-8-sig"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise ConfigError(f"{path}: is not TOML: {error}") from error
     known = FolderSettings.model_fields
     for key in written:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from benchmark.errors import ConfigError, SkeletonError, UnknownNameError
 from benchmark.motion.skeleton import ROLES, SIDES, Skeleton
+from benchmark.toml import parse_toml
 
 #: Words for joints of one side, best first, by the role they can stand for. One word may stand for several.
 _LIMB_WORDS: dict[str, tuple[str, ...]] = {
@@ -270,10 +271,10 @@ def load_role_map(path: Path | str) -> dict[str, str]:
     """
     path = Path(path)
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = parse_toml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not TOML: {error}") from error
     table = document.get("roles")
     if not isinstance(table, dict):

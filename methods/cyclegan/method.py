@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,10 +19,11 @@ from benchmark.api import (
     TrainView,
     TransferResult,
 )
-from benchmark.errors import ConfigError, DataError
+from benchmark.errors import ConfigError
 from benchmark.motion.clip import MotionClip
 from benchmark.motion.skeleton import Skeleton
 from methods._torch.presets import resolve
+from methods.clips import training_clips
 
 if TYPE_CHECKING:
     from methods._torch.history import History
@@ -126,6 +126,7 @@ class CycleGan(Method):
         ),
         citation="Dong, Aristidou, Shamir, Mahler & Jain 2020",
         code_deps=(
+            "methods.clips",
             "methods.cyclegan",
             "methods._torch",
             "benchmark.motion.canonical",
@@ -379,14 +380,7 @@ class CycleGan(Method):
         """The words of both styles and how to draw them."""
         from methods.cyclegan.words import Domain, PairSampler, on_body, word_reference
 
-        sides: list[Sequence[MotionClip]] = []
-        for style in (task.source_style, task.target_style):
-            clips = [clip for clip in train.clips(style) if len(clip) > 1]
-            if not clips:
-                raise DataError(
-                    f"cyclegan needs training clips of the style {style!r} with two frames or more; there are none"
-                )
-            sides.append(clips)
+        sides = list(training_clips("cyclegan", train, task))
         shared = {clip.meta.action for clip in sides[0]} & {clip.meta.action for clip in sides[1]}
         self.body_ = task.target_skeleton or sides[1][0].skeleton
         if shared:

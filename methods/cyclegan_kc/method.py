@@ -21,6 +21,7 @@ from benchmark.api import (
 from benchmark.errors import ConfigError
 from benchmark.motion.clip import MotionClip
 from methods._torch.presets import resolve
+from methods.clips import training_clips
 
 if TYPE_CHECKING:
     import torch
@@ -134,6 +135,7 @@ class CycleGanKc(Method):
         ),
         citation="Wang, Du, Li, Ji & Yu 2021",
         code_deps=(
+            "methods.clips",
             "methods.cyclegan_kc",
             "methods.holden.channels",
             "methods.holden.corpus",
@@ -261,7 +263,7 @@ class CycleGanKc(Method):
         from methods.holden.channels import Layout, Scaling
 
         chosen = self.settings_ = self._settings()
-        sources, targets = corpus.training_clips("cyclegan-kc", train, task)
+        sources, targets = training_clips("cyclegan-kc", train, task)
         self.body_ = task.target_skeleton or targets[0].skeleton
         self.layout_ = Layout.of(self.body_)
         arrays = corpus.read_channels([*sources, *targets], self.body_, self.layout_, chosen["fps"], ctx.report)

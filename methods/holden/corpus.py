@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.api import StyleTask, TrainView
-from benchmark.errors import DataError
 from benchmark.motion.clip import ClipMeta, MotionClip
 from benchmark.motion.skeleton import Skeleton
 from methods.holden.channels import Layout, Scaling
@@ -34,24 +32,6 @@ class Example:
     action: str
     channels: NDArray[np.float32]
     content: Array
-
-
-def training_clips(method: str, train: TrainView, task: StyleTask) -> tuple[list[MotionClip], list[MotionClip]]:
-    """The clips of the source and of the target style that have a motion: two frames or more.
-
-    Raises
-    ------
-    DataError
-        In the name of ``method``, where a style has none.
-    """
-    found = []
-    for style in (task.source_style, task.target_style):
-        found.append([clip for clip in train.clips(style) if len(clip) > 1])
-        if not found[-1]:
-            raise DataError(
-                f"{method} needs training clips of the style {style!r} with two frames or more; there are none"
-            )
-    return found[0], found[1]
 
 
 def read_channels(

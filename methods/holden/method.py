@@ -22,6 +22,7 @@ from benchmark.api import (
 from benchmark.errors import ConfigError
 from benchmark.motion.clip import MotionClip
 from methods._torch.presets import resolve
+from methods.clips import training_clips
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -100,6 +101,7 @@ class Holden(Method):
         ),
         citation="Holden, Saito & Komura 2016",
         code_deps=(
+            "methods.clips",
             "methods.holden",
             "methods._torch",
             "methods.hsu.track",
@@ -178,7 +180,7 @@ class Holden(Method):
         from methods.holden.network import Autoencoder
 
         self.settings_ = self._settings()
-        sources, targets = corpus.training_clips("holden", train, task)
+        sources, targets = training_clips("holden", train, task)
         self.body_ = task.target_skeleton or targets[0].skeleton
         self.layout_ = Layout.of(self.body_)
         arrays = corpus.read_channels([*sources, *targets], self.body_, self.layout_, self.settings_["fps"], ctx.report)

@@ -25,6 +25,7 @@ from benchmark.api import (
 from benchmark.errors import ConfigError, DataError
 from benchmark.motion.clip import ClipMeta, MotionClip
 from benchmark.motion.skeleton import Skeleton
+from methods.clips import training_clips
 from methods.hsu.align import WARPS, Record, WarpSettings, align
 from methods.hsu.lti import Identification, StateSpace, identify
 from methods.hsu.model import SPREADS, Scale, StyleModel, fit_style
@@ -178,6 +179,7 @@ class Hsu(Method):
         ),
         citation="Hsu, Pulli & Popović 2005; Dong, Aloba, Anthony & Jain 2018",
         code_deps=(
+            "methods.clips",
             "methods.hsu",
             "benchmark.motion.dtw",
             "benchmark.motion.ik",
@@ -413,13 +415,7 @@ class Hsu(Method):
 
     def _training_clips(self, train: TrainView, task: StyleTask) -> tuple[list[MotionClip], list[MotionClip]]:
         """The takes, of at least two frames, of the actions that both styles perform."""
-        takes = []
-        for style in (task.source_style, task.target_style):
-            takes.append([clip for clip in train.clips(style) if len(clip) > 1])
-            if not takes[-1]:
-                raise DataError(
-                    f"hsu needs training clips of the style {style!r} with two frames or more; there are none"
-                )
+        takes = training_clips("hsu", train, task)
         both = {clip.meta.action for clip in takes[0]} & {clip.meta.action for clip in takes[1]}
         if not both:
             raise NotApplicableError(
