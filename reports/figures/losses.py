@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from benchmark.api import NotApplicableError
 from reports.drawing import Drawing
 from reports.figures.style import FAINT, INK, MUTED, PAGE, new_figure, style
+from reports.figures.ticks import log_ticks
 from reports.run import RunView
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ def panels(found: dict[tuple[str, str], list[tuple[int, pd.DataFrame]]], *, task
             low, high = (pick(axes.get_ylim()[end] for axes in together) for pick, end in ((min, 0), (max, 1)))
             for axes in together:
                 axes.set_ylim(low, high)
-                _plain_ticks(axes)
+                log_ticks(axes, "y")
     return figure
 
 
@@ -198,19 +199,6 @@ def _panel(axes: Axes, repetitions: list[tuple[int, pd.DataFrame]], names: list[
     axes.xaxis.label.set(color=MUTED)
     axes.tick_params(labelsize=6, colors=INK)
     axes.margins(x=0.01)
-
-
-def _plain_ticks(axes: Axes) -> None:
-    """Powers of ten alone say too little where the values span less than two of them."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    low, high = axes.get_ylim()
-    decades = float(np.log10(high / low))
-    subs = (1.0,) if decades >= 2.0 else (1.0, 2.0, 5.0) if decades >= 0.7 else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
-    axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=9))
-    if decades < 4.0:
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def loss_curves(run: RunView) -> list[Drawing]:

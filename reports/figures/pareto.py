@@ -12,16 +12,18 @@ from reports.drawing import Drawing
 from reports.figures.labels import Named, place
 from reports.figures.plane import title
 from reports.figures.style import FAINT, INK, MUTED, PAGE, REAL, looks, new_figure, style
+from reports.figures.ticks import log_ticks
 from reports.figures.values import INTERVALS, clips_line, metric_table
 from reports.run import FLOOR, RunView
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUALITY = ("recognition/p-target-temporal", "style/d-s", "distribution/frechet-kinematic", "style/pose-distance")
 _PANELS = 2
+#: The axis of costs spans this factor at least: seconds on a shared machine say nothing of smaller differences.
+_SPAN = 10.0
 
 
 def costs(run: RunView, task: str) -> pd.DataFrame:
@@ -122,19 +124,9 @@ def pareto(run: RunView, task: str, table: pd.DataFrame) -> Figure:
             axes.margins(x=0.12, y=0.1)
             axes.set_xlabel("seconds to fit and to transfer the test clips ←")
             axes.set_ylabel(title(metric, part["direction"].iloc[0]))
-            _plain_ticks(axes)
+            log_ticks(axes, "x", span=_SPAN)
             place(axes, points)
     return figure
-
-
-def _plain_ticks(axes: Axes) -> None:
-    """Seconds as plain numbers, between powers of ten too where there are fewer than two."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,), numticks=9))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def cost_quality(run: RunView) -> list[Drawing]:

@@ -54,7 +54,20 @@ def crowded(table: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([table, *copies], ignore_index=True)
 
 
-EDITS = {"whole": lambda table: table, "one-clip": one_clip, "no-anchor": without_anchor, "twenty": crowded}
+def costs_alike(table: pd.DataFrame) -> pd.DataFrame:
+    """Methods whose costs differ by a percent or two, as those that learn nothing do on a machine without other work."""
+    rank = pd.factorize(table["method"])[0]
+    cost = table["metric"].str.startswith("cost/") & (table["status"] == "ok")
+    return table.assign(value=table["value"].where(~cost, 0.0048 * (1.0 + 0.01 * rank)))
+
+
+EDITS = {
+    "whole": lambda table: table,
+    "one-clip": one_clip,
+    "no-anchor": without_anchor,
+    "twenty": crowded,
+    "costs-alike": costs_alike,
+}
 
 
 @pytest.fixture(scope="module", params=list(EDITS))
