@@ -104,10 +104,10 @@ def sample_at(clip: MotionClip, times: ArrayLike, *, fps: float) -> MotionClip:
 
     rotations = quat.unroll(clip.rotations)
     at_frame = (t == 0.0) | (t == 1.0)
-    between = rotations[np.where(t == 1.0, high, low)]
-    if not at_frame.all():
-        inside = ~at_frame
-        between[inside] = quat.slerp(rotations[low[inside]], rotations[high[inside]], t[inside, None])
+    inside = ~at_frame
+    between = np.empty((len(t), *rotations.shape[1:]))
+    between[at_frame] = rotations[np.where(t == 1.0, high, low)[at_frame]]
+    between[inside] = quat.slerp(rotations[low[inside]], rotations[high[inside]], t[inside, None])
     return clip.replace(
         rotations=between,
         root=_cubic(clip.root, position),

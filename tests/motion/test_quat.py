@@ -141,6 +141,25 @@ def test_slerp_of_nearly_equal_rotations_stays_between_them() -> None:
     np.testing.assert_allclose(quat.log(quat.slerp(a, b, 0.25)), [2.5e-9, 0, 0], rtol=1e-6)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-8, 3e-8, 1e-7, 1e-6, 1e-4, 0.01, 1.0, 3.0, np.pi - 1e-7])
+def test_slerp_is_right_to_the_last_digit_at_any_angle(angle: float, rng: np.random.Generator) -> None:
+    """Against the formula in extended precision, its angle from the chord; half a turn alone has two short arcs."""
+    a = random_quats(rng, 50)
+    b = quat.normalize(quat.mul(a, quat.from_axis_angle(quat.normalize(rng.normal(size=(50, 3)), eps=0.0), angle)))
+    t = rng.uniform(size=50)
+    p, q, share = (np.asarray(each, dtype=np.longdouble) for each in (a, b, t[:, None]))
+    p, q = (each / np.sqrt((each * each).sum(axis=1, keepdims=True)) for each in (p, q))
+    q = np.where((p * q).sum(axis=1, keepdims=True) < 0, -q, q)
+    theta = 2 * np.arcsin(0.5 * np.sqrt(((p - q) ** 2).sum(axis=1, keepdims=True)))
+    sin = np.where(theta > 0, np.sin(theta), 1)
+    exact = np.where(
+        theta > 0, (np.sin((1 - share) * theta) * p + np.sin(share * theta) * q) / sin, (1 - share) * p + share * q
+    )
+    found = quat.slerp(a, b, t)
+    np.testing.assert_allclose(found, exact.astype(float), atol=4e-16, rtol=0)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-15)
+
+
 def test_unroll_leaves_no_sign_jump(rng: np.random.Generator) -> None:
     path = quat.exp(np.linspace(0, 9, 200)[:, None, None] * random_quats(rng, 5)[:, 1:])
     flipped = path * rng.choice([-1.0, 1.0], size=(200, 5, 1))
