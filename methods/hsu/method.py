@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,64 +22,24 @@ from benchmark.api import (
     TrainView,
     TransferResult,
 )
-from benchmark.errors import ConfigError, DataError
+from benchmark.errors import DataError
 from benchmark.motion.clip import ClipMeta, MotionClip
 from benchmark.motion.skeleton import Skeleton
 from methods.clips import training_clips
-from methods.hsu.align import WARPS, Record, WarpSettings, align
-from methods.hsu.lti import Identification, StateSpace, identify
-from methods.hsu.model import SPREADS, Scale, StyleModel, fit_style
+from methods.hsu.align import Record, WarpSettings, align
+from methods.hsu.clock import ClockModel
+from methods.hsu.joints import JointIdentification
+from methods.hsu.lti import StateSpace
+from methods.hsu.model import Scale, StyleModel, fit_style
 from methods.hsu.pairs import Take, keep, rank
-from methods.hsu.timing import TIMINGS, cues, duration_ratio, rate_of, retimed
-from methods.hsu.track import COORDINATES, FLOORS, channels, pose
+from methods.hsu.settings import FAITHFUL, check
+from methods.hsu.timing import duration_ratio, retimed
+from methods.hsu.track import channels, pose
 
 Array = NDArray[np.float64]
 
-SCOPES = ("all", "action")
-BODIES = ("common", "own")
-IDENTIFICATIONS = ("auto", "subspace", "kernel-fir")
-
 #: The group that stands for all actions.
 EVERYTHING = ""
-
-#: Independent numbers for each free parameter of a model whose order is chosen, and how many a second of a channel holds: most
-#: of human motion lies below 5 Hz, and recording it at 60 frames a second says no more of it.
-PER_PARAMETER, PER_SECOND = 10, 10
-
-#: The poster's settings where it states them, and the most literal reading where it does not.
-FAITHFUL: Mapping[str, Any] = {
-    "scope": "action",
-    "coordinates": "hips",
-    "floor": "clip",
-    "body": "own",
-    "partners": 1,
-    "pairs": 1,
-    "statistics": "pairs",
-    "least_std": 0.0,
-    "distance": "l2",
-    "warp": "per-joint",
-    "align_fps": 1000.0,
-    "path_sigma": 0.0,
-    "identification": "subspace",
-    "order": 40,
-    "repeat": 28,
-    "ridge": 0.0,
-    "spread": "none",
-    "timing": "none",
-}
-
-
-@dataclass(frozen=True, eq=False)
-class _Rate:
-    """A model of the clock: mean log rate, how its cues are standardised, and their response."""
-
-    mean: float
-    cue_mean: Array
-    cue_std: Array
-    model: StateSpace
-
-    def predict(self, values: Array, fps: float) -> Array:
-        return self.mean + self.model.simulate((cues(values, fps) - self.cue_mean) / self.cue_std)[:, 0]
 
 
 class Hsu(Method):
@@ -142,7 +102,7 @@ class Hsu(Method):
     order
         States of each model, or ``auto``: by held-out simulation.
     max_order
-        Most states that ``auto`` considers, the poster's 40; fewer where there are not :data:`PER_PARAMETER` independent
+        Most states that ``auto`` considers, the poster's 40; fewer where there are not 10 independent
         numbers for each free parameter.
     choice_frames
         Frames of the records, evenly spread over all, on which method, order and ridge are chosen; 0 for all.
@@ -267,7 +227,7 @@ class Hsu(Method):
 
     def fit(self, train: TrainView, task: StyleTask, *, rng: np.random.Generator, ctx: FitContext) -> Self:
         """Align pairs and identify a model per joint; a :class:`~benchmark.api.NotApplicableError` where there is no pair."""
-        self._check()
+        check(self.params())
         report = ctx.report
         sources, targets = self._training_clips(train, task)
         report(0.0, f"{len(sources)} and {len(targets)} takes of {len({clip.meta.action for clip in sources})} actions")
@@ -286,7 +246,9 @@ class Hsu(Method):
             self.facts_["groups"][name] = facts
             records += found
         self.ratio_ = duration_ratio(_durations(sources), _durations(targets))
-        self.rate_ = self._fit_rate(records) if self.timing == "rate" else None
+        self.rate_: ClockModel | None = None
+        if self.timing == "rate":
+            self.rate_, self.facts_["rate"] = ClockModel.fit(records, self._identification())
         return self
 
     def transfer(self, source: MotionClip, task: StyleTask, *, rng: np.random.Generator) -> TransferResult:
@@ -371,47 +333,8 @@ class Hsu(Method):
         if header["rate_mean"] is not None:
             rate = _under(arrays, "rate.")
             model = StateSpace(*(rate[name] for name in "ABCD"))
-            method.rate_ = _Rate(header["rate_mean"], rate["cue_mean"], rate["cue_std"], model)
+            method.rate_ = ClockModel(header["rate_mean"], rate["cue_mean"], rate["cue_std"], model)
         return method
-
-    def _check(self) -> None:
-        choices = {
-            "scope": SCOPES,
-            "coordinates": COORDINATES,
-            "floor": FLOORS,
-            "spread": SPREADS,
-            "body": BODIES,
-            "statistics": ("all", "pairs"),
-            "warp": WARPS,
-            "distance": ("squared", "l2"),
-            "solver": ("banded", "dense"),
-            "identification": IDENTIFICATIONS,
-            "timing": TIMINGS,
-        }
-        for name, allowed in choices.items():
-            if getattr(self, name) not in allowed:
-                raise ConfigError(f"hsu: {name} must be one of {', '.join(allowed)}, not {getattr(self, name)!r}")
-        if self.order != "auto" and (not isinstance(self.order, int) or isinstance(self.order, bool) or self.order < 0):
-            raise ConfigError(f"hsu: order must be 'auto' or a whole number of at least 0, not {self.order!r}")
-        least = {
-            "partners": 0,
-            "pairs": 0,
-            "least_std": 0.0,
-            "band": 0.0,
-            "max_skip": 1,
-            "path_sigma": 0.0,
-            "max_order": 0,
-            "choice_frames": 0,
-            "repeat": 1,
-            "pre_roll": 0.0,
-            "limit": 0.0,
-        }
-        for name, bound in least.items():
-            if not getattr(self, name) >= bound:
-                raise ConfigError(f"hsu: {name} must be at least {bound}, not {getattr(self, name)!r}")
-        for name in ("smooth", "align_fps"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"hsu: {name} must be above 0, not {getattr(self, name)!r}")
 
     def _training_clips(self, train: TrainView, task: StyleTask) -> tuple[list[MotionClip], list[MotionClip]]:
         """The takes, of at least two frames, of the actions that both styles perform."""
@@ -502,7 +425,7 @@ class Hsu(Method):
             [np.tile(record.outputs, (self.repeat, 1, 1)) for record in records],
             ours,
             theirs,
-            self._identify,
+            self._identification(),
             spread=self.spread,
             limit=self.limit,
             report=lambda fraction: report(0.6 + 0.4 * fraction, "identifying joints"),
@@ -523,62 +446,16 @@ class Hsu(Method):
         }
         return model, records, facts
 
-    def _identify(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> tuple[StateSpace, dict[str, Any]]:
-        """One joint: the model, and what is worth keeping of how it was found.
-
-        What is to be chosen is chosen on some of the records where there are many, and then fitted to all.
-        """
-        some = _spread_out(inputs, self.choice_frames)
-        chosen = self._identified(
-            [inputs[k] for k in some], [outputs[k] for k in some], self.order, self.identification
+    def _identification(self) -> JointIdentification:
+        return JointIdentification(
+            method=self.identification,
+            order=self.order,
+            max_order=self.max_order,
+            ridge=self.ridge,
+            refine=self.refine,
+            choice_frames=self.choice_frames,
+            fps=self.fps_,
         )
-        found = chosen
-        if len(some) < len(inputs) and not chosen[0].refined:
-            kind = "kernel-fir" if chosen[0].method == "kernel-fir" else "subspace"
-            found = self._identified(inputs, outputs, chosen[0].order, kind)
-        return found[0].model, {
-            "method": found[0].method,
-            "order": found[0].order,
-            "held_out_error": _number(chosen[0].held_out_error),
-            "train_error": _number(found[0].train_error),
-            "spectral_radius_found": _number(found[0].spectral_radius_found),
-            "stabilised": found[0].stabilised,
-            "rank": found[0].rank,
-            "rank_needed": found[0].rank_needed,
-            "refined": found[0].refined,
-            "warnings": found[1],
-        }
-
-    def _identified(
-        self, inputs: Sequence[Array], outputs: Sequence[Array], order: int | str, method: str
-    ) -> tuple[Identification, list[str]]:
-        """The identification, and the warnings it gave: they belong into the facts of 25 joints, not on the screen."""
-        import warnings
-
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            found = identify(
-                list(inputs),
-                list(outputs),
-                order,
-                method=method,
-                ridge=self.ridge,
-                refine=self.refine,
-                max_order=_supported(inputs, outputs, self.max_order, self.fps_),
-                fps=self.fps_,
-            )
-        return found, sorted({str(warning.message) for warning in caught})
-
-    def _fit_rate(self, records: Sequence[Record]) -> _Rate:
-        """A model of how fast the target's clock runs, from what the time warps of all records say."""
-        given = [cues(record.pair.source.values, self.fps_) for record in records]
-        rates = [rate_of(record.position, len(record.pair.source.values), self.fps_)[:, None] for record in records]
-        frames = np.concatenate(given)
-        mean, std = frames.mean(axis=0), np.maximum(frames.std(axis=0), 1e-6)
-        level = float(np.concatenate(rates).mean())
-        model, facts = self._identify([(cue - mean) / std for cue in given], [rate - level for rate in rates])
-        self.facts_["rate"] = facts
-        return _Rate(level, mean, std, model)
 
     def _retimed(self, clip: MotionClip, model: StyleModel) -> tuple[MotionClip, Array]:
         """``clip`` on the target style's clock, and the source time that each of its frames shows.
@@ -605,28 +482,6 @@ def _durations(clips: Sequence[MotionClip]) -> dict[str, list[float]]:
     for clip in clips:
         found.setdefault(clip.meta.action, []).append(clip.duration)
     return found
-
-
-def _supported(inputs: Sequence[Array], outputs: Sequence[Array], cap: int, fps: float) -> int:
-    """The highest order, up to ``cap``, whose ``n (m + l) + l m`` free parameters the recorded outputs can settle."""
-    m, p = inputs[0].shape[1], outputs[0].shape[1]
-    seconds = sum(len(record) for record in outputs) / fps
-    parameters = PER_SECOND * p * seconds / PER_PARAMETER
-    return int(np.clip((parameters - p * m) // (m + p), 0, cap))
-
-
-def _spread_out(records: Sequence[Array], frames: int) -> list[int]:
-    """Indices of records, evenly spread, that have about so many frames; of all where there are no more."""
-    total = sum(len(record) for record in records)
-    if frames == 0 or total <= frames:
-        return list(range(len(records)))
-    count = max(5, round(len(records) * frames / total))
-    return sorted(set(np.linspace(0, len(records) - 1, min(count, len(records))).round().astype(int).tolist()))
-
-
-def _number(value: float) -> float | None:
-    """``value`` for JSON, which has no not-a-number."""
-    return float(value) if np.isfinite(value) else None
 
 
 def _under(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:

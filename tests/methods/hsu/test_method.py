@@ -14,7 +14,8 @@ from benchmark.motion import quat
 from benchmark.motion.clip import ClipMeta, MotionClip
 from benchmark.motion.kinematics import fk
 from eval.metrics.style import RangeOfMotionRatio, ReferenceDistance
-from methods.hsu.method import FAITHFUL, Hsu
+from methods.hsu.method import Hsu
+from methods.hsu.settings import FAITHFUL
 from methods.identity import Identity
 
 BODY = perform("walk", CHILD, 1).skeleton
