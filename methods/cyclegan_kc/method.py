@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from methods.cyclegan_kc.losses import Kinematics
     from methods.cyclegan_kc.network import Generator, Style
     from methods.holden.channels import Layout
-    from methods.holden.network import Autoencoder
 
 Array = NDArray[np.float64]
 
@@ -261,6 +260,7 @@ class CycleGanKc(Method):
         from methods.cyclegan_kc.training import PairSampler
         from methods.holden import corpus
         from methods.holden.channels import Layout, Scaling
+        from methods.holden.training import train_autoencoder
 
         chosen = self.settings_ = self._settings()
         sources, targets = training_clips("cyclegan-kc", train, task)
@@ -282,7 +282,18 @@ class CycleGanKc(Method):
         }
         with isolated_random(rng):
             generator = self._generator().to(device)
-        self.pretraining_ = self._pretrain(generator.autoencoder, bank, rng, _share(ctx, 0.0, _PRETRAINING))
+        self.pretraining_ = train_autoencoder(
+            generator.autoencoder,
+            bank,
+            epochs=chosen["pretrain_epochs"],
+            batch=chosen["batch"],
+            lr=chosen["pretrain_lr"],
+            dropout=chosen["dropout"],
+            sparsity=chosen["sparsity"],
+            rng=rng,
+            ctx=_share(ctx, 0.0, _PRETRAINING),
+            name="autoencoder",
+        )
         self.history_ = self._train(generator, bank, sampler, rng, _share(ctx, _PRETRAINING, 1.0))
         self._ready(generator)
         return self
@@ -427,41 +438,6 @@ class CycleGanKc(Method):
             mode=chosen["smooth_mode"],
             weights=(smooth, bone, trajectory, foot),
             device=device,
-        )
-
-    def _pretrain(self, autoencoder: Autoencoder, bank: WordBank, rng: np.random.Generator, ctx: FitContext) -> History:
-        import torch
-
-        from methods._torch.train import Batch, Settings, train
-
-        chosen = self.settings_
-        optimizer = torch.optim.Adam(autoencoder.parameters(), lr=chosen["pretrain_lr"])
-
-        def step(batch: Batch) -> dict[str, torch.Tensor]:
-            with batch.autocast():
-                loss = autoencoder.loss(
-                    bank.words(batch.index).transpose(1, 2),
-                    bank.mask(batch.index),
-                    share=chosen["dropout"],
-                    sparsity=chosen["sparsity"],
-                    generator=batch.generator,
-                )
-            optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            optimizer.step()
-            return {"loss": loss.detach()}
-
-        return train(
-            step,
-            items=len(bank),
-            states={"autoencoder": autoencoder},
-            optimizers={"adam": optimizer},
-            settings=Settings(epochs=chosen["pretrain_epochs"], batch=chosen["batch"]),
-            rng=rng,
-            device=bank.frames.device,
-            folder=ctx.work_dir,
-            name="autoencoder",
-            report=ctx.report,
         )
 
     def _train(

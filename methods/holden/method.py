@@ -178,6 +178,7 @@ class Holden(Method):
         from methods.holden import corpus
         from methods.holden.channels import Layout, Scaling
         from methods.holden.network import Autoencoder
+        from methods.holden.training import train_autoencoder
 
         self.settings_ = self._settings()
         sources, targets = training_clips("holden", train, task)
@@ -195,7 +196,15 @@ class Holden(Method):
             network = Autoencoder(self.layout_.dim, self.settings_["filters"], self.settings_["width"])
         self.network_ = network.to(device)
         self.noise_seed_ = int(rng.integers(2**31))
-        self.history_ = self._train(bank, rng, ctx)
+        chosen = self.settings_
+        self.history_ = train_autoencoder(
+            self.network_,
+            bank,
+            **{key: chosen[key] for key in ("epochs", "batch", "lr", "dropout", "sparsity")},
+            rng=rng,
+            ctx=ctx,
+            name="holden",
+        )
         self.network_.requires_grad_(False)
         return self
 
@@ -305,42 +314,6 @@ class Holden(Method):
     def _window(self) -> int:
         """Frames of a training window, even because the encoder halves them."""
         return 2 * max(1, round(0.5 * self.settings_["seconds"] * self.settings_["fps"]))
-
-    def _train(self, bank: Any, rng: np.random.Generator, ctx: FitContext) -> Any:
-        import torch
-
-        from methods._torch.train import Batch, Settings, train
-
-        network, chosen = self.network_, self.settings_
-        optimizer = torch.optim.Adam(network.parameters(), lr=chosen["lr"])
-
-        def step(batch: Batch) -> dict[str, Tensor]:
-            words, valid = bank.words(batch.index), bank.mask(batch.index)
-            with batch.autocast():
-                loss = network.loss(
-                    words.transpose(1, 2),
-                    valid,
-                    share=chosen["dropout"],
-                    sparsity=chosen["sparsity"],
-                    generator=batch.generator,
-                )
-            optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            optimizer.step()
-            return {"loss": loss.detach()}
-
-        return train(
-            step,
-            items=len(bank),
-            states={"network": network},
-            optimizers={"adam": optimizer},
-            settings=Settings(epochs=chosen["epochs"], batch=chosen["batch"]),
-            rng=rng,
-            device=bank.frames.device,
-            folder=ctx.work_dir,
-            name="holden",
-            report=ctx.report,
-        )
 
     def _stylised(self, values: Array, examples: Sequence[Example]) -> tuple[Array, float]:
         """Normalised channels (T, D) in the style of ``examples``, and by how much the root's speed is scaled."""
