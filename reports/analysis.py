@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmark.errors import BenchmarkError
-from reports.claims.evidence import claim_verdicts, judge
+from reports.claims.evidence import claim_counts, judge
 from reports.claims.table import write_claims
 from reports.comparison import write_comparison
 from reports.ratings import STATS, ratings_stem, simulate_ratings
@@ -34,7 +34,6 @@ def analyse_run(folder: Path) -> list[str]:
             continue
         lines.append(f"ratings{of_task} ({written.analysis.kind}): {folder / STATS / ratings_stem(run, task)}.md")
     # After the ratings, which some claims are about.
-    verdicts = list(claim_verdicts(table := judge([run])).values())
+    table = judge([run])
     written_to, *_ = write_claims(table, folder)
-    counts = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in dict.fromkeys(verdicts))
-    return [*lines, f"claims of the papers ({counts}): {written_to}"]
+    return [*lines, f"claims of the papers ({claim_counts(table)}): {written_to}"]

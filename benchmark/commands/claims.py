@@ -35,7 +35,7 @@ def claims(runs: tuple[Path, ...], only: tuple[str, ...]) -> None:
     from benchmark.commands.tables import claims_table, make_console
     from benchmark.errors import UnknownNameError
     from reports.claims.definitions import CLAIMS
-    from reports.claims.evidence import claim_verdicts, judge
+    from reports.claims.evidence import claim_counts, judge
     from reports.claims.table import write_claims
     from reports.run import RunView
 
@@ -47,8 +47,6 @@ def claims(runs: tuple[Path, ...], only: tuple[str, ...]) -> None:
     paths = write_claims(table, runs[0])
     console = make_console()
     console.print(claims_table(table))
-    verdicts = list(claim_verdicts(table).values())
-    counts = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in dict.fromkeys(verdicts))
-    console.print(f"{len(verdicts)} claims: {counts}", soft_wrap=True)
+    console.print(claim_counts(table), soft_wrap=True)
     for path in paths:
         console.print(str(path), markup=False, soft_wrap=True)

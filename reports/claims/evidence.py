@@ -148,6 +148,15 @@ def claim_verdicts(table: pd.DataFrame) -> dict[str, str]:
     return verdicts
 
 
+def claim_counts(table: pd.DataFrame) -> str:
+    """In words: ``22 claims: 6 hold, 15 do not hold, 1 cannot be tested here``."""
+    verdicts = list(claim_verdicts(table).values())
+    words = {HOLDS: ("holds", "hold"), FAILS: ("does not hold", "do not hold"), UNTESTED: (UNTESTED, UNTESTED)}
+    counts = ((verdicts.count(verdict), forms) for verdict, forms in words.items())
+    told = ", ".join(f"{count} {one if count == 1 else more}" for count, (one, more) in counts if count)
+    return f"{len(verdicts)} claim{'' if len(verdicts) == 1 else 's'}: {told}"
+
+
 def _verdict(row: pd.Series) -> tuple[str, str]:
     effect, low, p, alpha = row["effect"], row["low"], row["p_holm"], row["alpha"]
     if row["margin"]:

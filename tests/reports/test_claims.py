@@ -3,11 +3,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmark.runner.views import RESULT_COLUMNS
 from reports.claims.definitions import CLAIMS, Between, Claim, Contrast, Level, Nearer, Rated, Untestable
-from reports.claims.evidence import FAILS, HOLDS, UNTESTED, MissingEvidenceError, claim_verdicts, find, judge
+from reports.claims.evidence import (
+    FAILS,
+    HOLDS,
+    UNTESTED,
+    MissingEvidenceError,
+    claim_counts,
+    claim_verdicts,
+    find,
+    judge,
+)
 from reports.claims.table import write_claims
 from reports.run import RunView
 
@@ -211,3 +221,16 @@ def test_the_files_hold_every_test(run):
     assert len(pd.read_csv(csv)) == len(table)
     assert "**holds**" in text.read_text()
     assert tex.read_text().count(r"\\") > len(table)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "told"),
+    [
+        ([HOLDS, FAILS, UNTESTED], "3 claims: 1 holds, 1 does not hold, 1 cannot be tested here"),
+        ([FAILS, HOLDS, HOLDS, FAILS], "4 claims: 2 hold, 2 do not hold"),
+        ([UNTESTED], "1 claim: 1 cannot be tested here"),
+    ],
+)
+def test_counts_are_told_in_words(verdicts, told):
+    table = pd.DataFrame({"claim": [f"c{n}" for n in range(len(verdicts))], "verdict": verdicts})
+    assert claim_counts(table) == told
