@@ -262,21 +262,24 @@ def _rated(runs: Sequence[RunView], test: Rated) -> Finding:
 
 def _nearer(runs: Sequence[RunView], test: Nearer) -> Finding:
     """The poster's statements, on the poster's own division of the recordings."""
+    reasons = []
     for run in runs:
         if (run.document("split.json") or {}).get("protocol") != "named":
             continue
         for task in run.tasks:
-            table = jump_table(jump_cases(run, task))
-            if table.empty:
-                continue
-            mine = table[table["row"] == test.method]
-            verdicts = mine[f"nearer_{test.measure}"]
-            told = verdicts[verdicts.isin(["yes", "no"])]
-            if told.empty:
-                continue
-            share = float((told == "yes").mean())
-            n = f"{len(told)} jump{'s'[: len(told) != 1]}"
-            return Finding(n, share - 0.5, float("nan"), float("nan"), float("nan"), run.folder.name, task)
+            cases = jump_cases(run, task)
+            table = jump_table(cases)
+            if len(table):
+                verdicts = table.loc[table["row"] == test.method, f"nearer_{test.measure}"]
+                told = verdicts[verdicts.isin(["yes", "no"])]
+                if len(told):
+                    share = float((told == "yes").mean())
+                    n = f"{len(told)} jump{'s'[: len(told) != 1]}"
+                    return Finding(n, share - 0.5, float("nan"), float("nan"), float("nan"), run.folder.name, task)
+            # Without the recordings that the run was made on there is nobody to be nearer to.
+            reasons += [f"{run.folder}: {case.problem}" for case in cases if case.problem]
+    if reasons:
+        raise MissingEvidenceError("; ".join(dict.fromkeys(reasons)))
     raise MissingEvidenceError(
         "needs the poster's own division of the recordings: run experiments/dong2018.toml and name its folder too"
     )

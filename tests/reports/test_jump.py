@@ -16,6 +16,8 @@ from benchmark.api import NotApplicableError
 from benchmark.data.synthetic import SyntheticDataset
 from eval.metrics.jump import arm_swing, find_jump, knee_angle, landing_duration, lowest_knee_bend
 from reports.build import build_report, draw_figures
+from reports.claims.definitions import Nearer
+from reports.claims.evidence import MissingEvidenceError, find
 from reports.figures.jump import jump_landing, landing
 from reports.jumps import CLAIMS, JumpCase, JumpRow, jump_cases, jump_table
 from reports.run import RunView
@@ -219,3 +221,18 @@ def test_runs_without_jumps_have_no_such_figure(jumped, tmp_path):
         jump_landing(run)
     build_report(folder)
     assert not list(folder.glob("tables/jump-*")) and not list(folder.glob("figures/jump-*"))
+
+
+def test_claims_about_jumps_say_when_the_recordings_are_not_there(jumped, tmp_path, monkeypatch):
+    test = Nearer("arm_swing", "nearest")
+    assert find([RunView(jumped)], test).effect == 0.5
+
+    folder = tmp_path / "moved"
+    shutil.copytree(jumped, folder)
+    config = folder / "config.toml"
+    config.write_text(config.read_text().replace('"synthetic"', '"kinder-gator"'))
+    (empty := tmp_path / "empty").mkdir()
+    monkeypatch.setenv("BENCHMARK_DATA", str(empty))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with pytest.raises(MissingEvidenceError, match=r"moved: .*kinder-gator.*data fetch"):
+        find([RunView(folder)], test)
