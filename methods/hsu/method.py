@@ -54,8 +54,9 @@ class Hsu(Method):
     ``hsu`` is robust; ``hsu[faithful]``, run when asked for by name, follows the poster: order 40, records repeated
     28 times, one pair for each action, every joint warped alone by unsquared distances, the source's clock. Its departures are
     declared: the matrix of equation 2 is symmetric (as printed it is not the derivative of equation 1) and its equations are
-    solved in linear time (``solver="dense"`` is the poster's LU, with the same numbers), and unstable models are made
-    stable. A clip whose action has no pair cannot be transferred by it.
+    solved in linear time (``solver="dense"`` is the poster's LU, with the same numbers), unstable models are made stable, and
+    of the 40 states those are left out that a record is too short to determine: they would be made of rounding, and results
+    differ with the last bit of a recording. A clip whose action has no pair cannot be transferred by it.
 
     Parameters
     ----------

@@ -68,8 +68,8 @@ class Identification:
     order
         Order of ``model``.
     rank, rank_needed
-        Numerical rank of the stacked block Hankel matrices of inputs and outputs, and ``2 i m + n``; 0 where no subspace
-        method ran.
+        Numerical rank of the stacked block Hankel matrices of inputs and outputs, and ``2 i m + n`` for the order asked for;
+        0 where no subspace method ran.
     block_rows
         ``i``; 0 where no subspace method ran.
     singular_values
@@ -189,7 +189,8 @@ def identify(
     order
         Number of states; ``None`` or ``"auto"``: the one of :func:`~methods.hsu.lti.order.order_grid` up to ``max_order``
         that simulates the held-out part best, or the one with fewest states that cannot be told from it
-        (:func:`~methods.hsu.lti.order.pick`). The grid begins with a static gain.
+        (:func:`~methods.hsu.lti.order.pick`). The grid begins with a static gain. Where the record has fewer directions than
+        states are asked for, the model has as many states as there are directions.
     method
         ``subspace``, ``kernel-fir``, or ``auto``: the better one on the held-out part.
     weight
@@ -234,9 +235,10 @@ def identify(
     Warns
     -----
     RankDeficientWarning
-        If the rank of the record is below ``2 i m + n``. The model is still stable, and with the safe ridge a sane one.
+        If the rank of the record is below ``2 i m + n``. The model is still stable, and with the safe ridge a sane one; states
+        that would be made of rounding are left out, and where none is left the impulse response is taken.
     IdentificationWarning
-        If recordings are so short that something else was done than asked.
+        If recordings are so short that something else was done than asked, or have fewer directions than states were asked for.
 
     Raises
     ------
@@ -284,7 +286,7 @@ def identify(
         method=best.method,
         order=model.order,
         rank=0 if subspace is None else subspace.rank,
-        rank_needed=0 if subspace is None else subspace.rank_needed(best.order),
+        rank_needed=0 if subspace is None else subspace.rank_needed(best.asked),
         block_rows=0 if subspace is None else subspace.block_rows,
         singular_values=np.zeros(0) if best.singular_values is None else best.singular_values,
         spectral_radius_found=best.found,
@@ -417,11 +419,30 @@ def _by_subspace(split: Split, orders: tuple[int, ...], settings: Settings) -> l
         )
         return []
     problems = InputProblems(records, many=len(reachable) > 3)
-    found: list[_Candidate] = []
-    for order in reachable:
-        if order <= subspace.highest_order:
-            found += _of_order(split, subspace, problems, order, settings)
-    return found
+    if not subspace.directions:
+        if len(orders) == 1:
+            warnings.warn(
+                f"{_undetermined(subspace, reachable[-1])}; its past says nothing of its future that the inputs do not, so "
+                "that there are no states: using a kernel-regularised impulse response instead",
+                RankDeficientWarning,
+                stacklevel=4,
+            )
+        return []
+    found: dict[int, list[_Candidate]] = {}
+    for asked in reachable:
+        # Further states would be made of rounding, and the model would differ with the last bit of a record.
+        order = min(asked, subspace.directions)
+        if order <= subspace.highest_order and order not in found:
+            candidates = _of_order(split, subspace, problems, order, settings)
+            found[order] = [replace(candidate, asked=asked) for candidate in candidates]
+    return [candidate for candidates in found.values() for candidate in candidates]
+
+
+def _undetermined(subspace: Subspace, order: int) -> str:
+    return (
+        f"the record does not determine a model of order {order}: rank {subspace.rank} < 2im+n = "
+        f"{subspace.rank_needed(order)} (i = {subspace.block_rows} block rows); repeating a recording adds nothing"
+    )
 
 
 def _of_order(
@@ -506,7 +527,7 @@ def _refitted(records: Records, best: _Candidate, settings: Settings) -> _Candid
     assert best.subspace is not None
     fixed = replace(settings, ridge=best.ridge, transition=best.transition, block_rows=best.subspace.block_rows)
     again = _by_subspace(whole, (best.order,), fixed)
-    return again[0] if again else None
+    return replace(again[0], asked=best.asked) if again else None
 
 
 def _guarded(model: StateSpace, rho_max: float) -> StateSpace:
@@ -518,10 +539,9 @@ def _guarded(model: StateSpace, rho_max: float) -> StateSpace:
 
 def _warn(best: _Candidate, model: StateSpace, single: bool, wanted: int | None) -> None:
     subspace = best.subspace
-    if subspace is not None and subspace.rank < subspace.rank_needed(best.order):
+    if subspace is not None and subspace.rank < subspace.rank_needed(best.asked):
         warnings.warn(
-            f"the record does not determine a model of order {best.order}: rank {subspace.rank} < 2im+n = "
-            f"{subspace.rank_needed(best.order)} (i = {subspace.block_rows} block rows); repeating a recording adds nothing",
+            _undetermined(subspace, best.asked),
             RankDeficientWarning,
             stacklevel=3,
         )
@@ -535,8 +555,9 @@ def _warn(best: _Candidate, model: StateSpace, single: bool, wanted: int | None)
                 stacklevel=3,
             )
     if single and best.asked > model.order:
+        source = "the impulse response" if subspace is None else "what the record's past says of its future"
         warnings.warn(
-            f"order {best.asked} was asked for, but the impulse response has only {model.order} directions",
+            f"order {best.asked} was asked for, but {source} has only {model.order} directions",
             IdentificationWarning,
             stacklevel=3,
         )

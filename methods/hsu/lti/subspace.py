@@ -47,6 +47,9 @@ class Subspace:
         Number of Hankel columns.
     rank
         Numerical rank of the stacked Hankel matrices of inputs and outputs.
+    directions
+        How many of the strengths are more than rounding. Directions beyond are of no meaning and differ with the last bit of a
+        record; a record of period P has fewer than P.
     channels
         ``(m, l)``.
     factor
@@ -59,6 +62,7 @@ class Subspace:
     block_rows: int
     columns: int
     rank: int
+    directions: int
     channels: tuple[int, int]
     factor: Array
 
@@ -177,11 +181,15 @@ def identify_subspace(records: Records, block_rows: int, weight: str = "moesp") 
 
     # The condition number costs nothing beside a factorisation; only a doubtful one is looked at closely.
     if squared or (columns >= len(r) and lapack.dtrcon(r)[0] > 1e-11):
-        rank = r.shape[1]
+        rank, directions = r.shape[1], len(strengths)
     else:
         values = svd(r, compute_uv=False, check_finite=False)
-        rank = int(np.sum(values > values[0] * len(r) * np.finfo(float).eps)) if values[0] > 0.0 else 0
-    return Subspace(left, strengths, i, columns, rank, (m, p), r)
+        rounding = values[0] * len(r) * np.finfo(float).eps
+        rank = int(np.sum(values > rounding))
+        # The oblique projection has no directions that this has not, but rounding that its inverse has blown up.
+        known = strengths if weight == "moesp" else svd(r32, compute_uv=False, check_finite=False)
+        directions = int(np.sum(known > rounding))
+    return Subspace(left, strengths, i, columns, rank, directions, (m, p), r)
 
 
 def _predicted(rows: Array, factor: Array, i: int, m: int, p: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
@@ -178,20 +179,56 @@ def test_hankel_columns_never_straddle_a_seam():
     assert joined.singular_values[6] > 1e-3 * joined.singular_values[0]
 
 
+def tiled(seed: int, frames: int = 45) -> tuple[np.ndarray, np.ndarray]:
+    """A clip and what a short impulse response makes of it, each repeated 28 times, as in the poster."""
+    u = jump(np.random.default_rng(seed), frames)
+    y = np.stack([np.convolve(u[:, k], [0.5, 0.4, -0.2, 0.1])[:frames] for k in range(3)], axis=1)
+    return np.tile(u, (28, 1)), np.tile(y, (28, 1))
+
+
 @pytest.mark.parametrize("weight", ["moesp", "n4sid"])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_poster_s_tiled_clip_warns_and_is_stable(seed, weight):
-    rng = np.random.default_rng(seed)
-    u = jump(rng)
-    y = np.stack([np.convolve(u[:, k], [0.5, 0.4, -0.2, 0.1])[:45] for k in range(3)], axis=1)
-    with pytest.warns(RankDeficientWarning, match=r"rank \d+ < 2im\+n = 160"):
-        found = identify(np.tile(u, (28, 1)), np.tile(y, (28, 1)), 40, weight=weight)
-    assert found.rank < found.rank_needed
-    assert found.order == found.model.order == 40
+def test_a_tiled_clip_that_has_no_states_gets_an_impulse_response(seed, weight):
+    """45 frames are fewer than the 60 rows of future inputs: these alone say everything of the record."""
+    u, y = tiled(seed)
+    with pytest.warns(RankDeficientWarning, match=r"rank \d+ < 2im\+n = 160 .* there are no states"):
+        found = identify(u, y, 40, weight=weight)
+    assert found.method == "kernel-fir"
+    assert found.model.spectral_radius <= RHO
+    assert np.isfinite(found.model.simulate(np.tile(u, (4, 1)))).all()
+    assert found.train_error < 0.2
+
+
+@pytest.mark.parametrize("weight", ["moesp", "n4sid"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tiled_clip_warns_is_stable_and_does_not_depend_on_rounding(seed, weight):
+    u, y = tiled(seed, 81)
+    with pytest.warns(IdentificationWarning) as warned:
+        found = identify(u, y, 40, weight=weight)
+    told = [str(warning.message) for warning in warned]
+    assert any(re.search(r"rank \d+ < 2im\+n = 160", message) for message in told)
+    assert any(re.search(r"order 40 was asked for, but .* has only \d+ directions", message) for message in told)
+    assert found.rank < found.rank_needed == 160
+    # A record of period 81 has rank 81 at most, of which future inputs take 60.
+    assert 0 < found.order == found.model.order <= 21
     assert (found.transition, found.ridge) == ("shift", 1e-2)
     assert found.model.spectral_radius <= RHO
-    assert np.isfinite(found.model.simulate(np.tile(u, (100, 1)))).all()
+    assert np.isfinite(found.model.simulate(np.tile(u, (4, 1)))).all()
     assert found.train_error < 0.2
+    rng = np.random.default_rng(seed)
+    with pytest.warns(IdentificationWarning):
+        again = identify(*(x * (1.0 + 1e-15 * rng.normal(size=x.shape)) for x in (u, y)), 40, weight=weight)
+    assert again.order == found.order
+    np.testing.assert_allclose(again.model.markov(30), found.model.markov(30), atol=1e-6)
+
+
+def test_states_beyond_the_truth_s_are_left_out():
+    truth = system(6)
+    data = recorded(truth, [400])
+    with pytest.warns(IdentificationWarning, match="order 10 was asked for"):
+        found = identify(*data, 10)
+    assert found.order == 6
+    np.testing.assert_allclose(found.model.markov(40), truth.markov(40), atol=1e-9)
 
 
 def test_an_unstable_truth_gives_a_stable_model():

@@ -95,7 +95,9 @@ def test_the_posters_preset_is_the_posters() -> None:
     method = Hsu(**FAITHFUL).fit(view, TASK, rng=RNG, ctx=FitContext())
     facts = method.facts_["groups"]["wave"]
     assert len(facts["pairs"]) == 1
-    assert {fact["order"] for fact in facts["joints"]} == {40}
+    # One clip has fewer directions than the 40 states that are asked for.
+    assert all(20 < fact["order"] < 40 for fact in facts["joints"])
+    assert all(any("order 40 was asked for" in warning for warning in fact["warnings"]) for fact in facts["joints"])
     assert any("rank" in warning for fact in facts["joints"] for warning in fact["warnings"])
     assert all(np.abs(model.poles()).max() < 1.0 for model in method.models_["wave"].joints if model is not None)
     source = perform("wave", ADULT, 3, fps=30.0)
