@@ -22,7 +22,10 @@ ratings: `analyze` reads those of people, or makes them with simulated observers
 @click.command("claims", epilog=EPILOG)
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "--only", multiple=True, metavar="NAME", help="Only claims whose names match, as 'constraints-*'; may be repeated."
+    "--only",
+    multiple=True,
+    metavar="NAME",
+    help="Show only claims whose names match, as 'constraints-*'; may be repeated. All are judged and written.",
 )
 def claims(runs: tuple[Path, ...], only: tuple[str, ...]) -> None:
     """Test each empirical claim of the papers on one or more finished RUNS.
@@ -42,11 +45,12 @@ def claims(runs: tuple[Path, ...], only: tuple[str, ...]) -> None:
     for pattern in only:
         if not any(fnmatchcase(claim.name, pattern) for claim in CLAIMS):
             raise UnknownNameError("claim", pattern, [claim.name for claim in CLAIMS])
-    chosen = [claim for claim in CLAIMS if not only or any(fnmatchcase(claim.name, pattern) for pattern in only)]
-    table = judge([RunView(folder) for folder in runs], chosen)
+    # All are judged: what a claim's p is corrected for must not depend on which are looked at.
+    table = judge([RunView(folder) for folder in runs])
+    shown = table[[not only or any(fnmatchcase(name, pattern) for pattern in only) for name in table["claim"]]]
     paths = write_claims(table, runs[0])
     console = make_console()
-    console.print(claims_table(table))
-    console.print(claim_counts(table), soft_wrap=True)
+    console.print(claims_table(shown))
+    console.print(claim_counts(shown), soft_wrap=True)
     for path in paths:
         console.print(str(path), markup=False, soft_wrap=True)

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from benchmark.commands.claims import claims as claims_command
 from benchmark.runner.views import RESULT_COLUMNS
 from reports.claims.definitions import CLAIMS, Between, Claim, Contrast, Level, Nearer, Rated, Untestable
 from reports.claims.evidence import (
@@ -24,8 +26,6 @@ from reports.run import RunView
 
 def make_run(folder: Path, scores: dict[str, dict[str, np.ndarray]], *, seeds: int = 1) -> RunView:
     """A run of 24 clips of 4 actors with the given values (clips,) or (seeds, clips) by method and metric."""
-    import pandas as pd
-
     rows = []
     for method, metrics in scores.items():
         for metric, values in metrics.items():
@@ -129,8 +129,6 @@ def test_the_first_run_that_can_answer_does(run, tmp_path):
 
 
 def test_a_claim_about_every_style_is_tested_on_every_task(run, tmp_path):
-    import pandas as pd
-
     rows = run.results.drop(columns="task")
     other = rows.assign(target_style="old")
     other.loc[other["method"] == "better", "value"] += 1.0
@@ -165,8 +163,6 @@ def test_about_one_in_twenty_true_nulls_is_called_a_difference(tmp_path):
 
 
 def ratings(folder: Path, kind: str) -> None:
-    import pandas as pd
-
     stats = folder / "stats"
     stats.mkdir()
     pd.DataFrame({"condition": ["adult", "child", "better"], "kind": kind}).to_csv(stats / "ratings-conditions.csv")
@@ -216,8 +212,6 @@ def test_claims_name_registered_metrics_and_methods():
 def test_the_files_hold_every_test(run):
     table = judge([run], [claim(Contrast("m/x", "better", "identity", "lower")), *CLAIMS[:3]])
     csv, text, tex = write_claims(table, run.folder)
-    import pandas as pd
-
     assert len(pd.read_csv(csv)) == len(table)
     assert "**holds**" in text.read_text()
     assert tex.read_text().count(r"\\") > len(table)
@@ -234,3 +228,16 @@ def test_the_files_hold_every_test(run):
 def test_counts_are_told_in_words(verdicts, told):
     table = pd.DataFrame({"claim": [f"c{n}" for n in range(len(verdicts))], "verdict": verdicts})
     assert claim_counts(table) == told
+
+
+def test_what_is_shown_changes_nothing_of_what_is_judged(run):
+    """Fewer tests would be corrected for, and a verdict could be had by asking for it alone."""
+    command = CliRunner()
+    whole = command.invoke(claims_command, [str(run.folder)], catch_exceptions=False)
+    written = (run.folder / "stats/claims.csv").read_text()
+    some = command.invoke(claims_command, [str(run.folder), "--only", "jump-*"], catch_exceptions=False)
+    assert f"{len(CLAIMS)} claims:" in whole.output
+    assert "3 claims:" in some.output and "Kernels of each joint" not in " ".join(some.output.split())
+    assert (run.folder / "stats/claims.csv").read_text() == written
+    lost = command.invoke(claims_command, [str(run.folder), "--only", "leap-*"])
+    assert "leap-*" in str(lost.exception)
