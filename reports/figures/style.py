@@ -76,6 +76,8 @@ _RC: dict[Any, Any] = {
 
 #: Width of a letter as a share of its size: no text of the house's font is wider on average, some capitals aside.
 _LETTER = 0.62
+#: Points of a name of two lines in a row.
+_TWO_LINES = 5.5
 
 
 def fitted(name: str, inches: float, size: float) -> tuple[str, float]:
@@ -92,12 +94,16 @@ def fitted(name: str, inches: float, size: float) -> tuple[str, float]:
 
 
 def name_rows(axes: Axes, at: Sequence[float], names: Sequence[str], inches: float, size: float = 7.0) -> None:
-    """Name the rows of axes at heights ``at`` in a margin so many ``inches`` wide."""
-    texts = [fitted(name, inches, size) for name in names]
+    """Name the rows of axes at heights ``at`` in a margin so many ``inches`` wide.
+
+    All names are of one size on one line, where that is no smaller than two lines would be.
+    """
+    common = min(size, 72.0 * inches / _LETTER / max(map(len, names), default=1))
+    texts = [(name, common) if common >= _TWO_LINES else fitted(name, inches, size) for name in names]
     axes.set_yticks(list(at), [text for text, _ in texts])
     for label, (text, points) in zip(axes.get_yticklabels(), texts, strict=True):
         # Two lines must not reach into the next row.
-        label.set_fontsize(min(points, 5.5) if "\n" in text else points)
+        label.set_fontsize(min(points, _TWO_LINES) if "\n" in text else points)
         label.set_linespacing(0.95)
 
 
