@@ -196,8 +196,7 @@ def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> Array:
     safe = np.where(same, 1.0, sin)
     wa = np.where(same, 1.0 - t, np.sin((1.0 - t) * theta) / safe)
     wb = np.copysign(np.where(same, t, np.sin(t * theta) / safe), dot)
-    out = wa[..., None] * a + wb[..., None] * b
-    return np.asarray(out)
+    return normalize(wa[..., None] * a + wb[..., None] * b)
 
 
 def mean(q: ArrayLike, *, weights: ArrayLike | None = None, axis: int = 0) -> Array:

@@ -103,8 +103,8 @@ class Hsu(Method):
     order
         States of each model, or ``auto``: by held-out simulation.
     max_order
-        Most states that ``auto`` considers, the poster's 40; fewer where there are not 10 independent
-        numbers for each free parameter.
+        Most states that ``auto`` considers, the poster's 40; fewer where there are not
+        :data:`~methods.hsu.joints.PER_PARAMETER` independent numbers for each free parameter.
     choice_frames
         Frames of the records, evenly spread over all, on which method, order and ridge are chosen; 0 for all.
     repeat

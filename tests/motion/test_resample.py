@@ -155,3 +155,12 @@ def test_bad_rates_are_refused(wild, rng, fps):
 def test_bad_cutoff_is_refused(wild, rng):
     with pytest.raises(ContractError, match="cutoff"):
         low_pass(wild(rng), 0.0)
+
+
+@pytest.mark.parametrize("length", [1.0 - 4.9e-7, 1.0 + 4.9e-7])
+def test_frames_in_between_are_unit_where_those_beside_them_just_pass_for_it(biped, length):
+    frames = 12
+    turns = quat.exp(np.linspace(0, 1, frames)[:, None, None] * np.ones((len(biped()), 3)))
+    clip = MotionClip(biped(), length * turns, np.zeros((frames, 3)), 60.0)
+    between = sample_at(clip, np.arange(frames - 1) / 60.0 + 0.4 / 60.0, fps=60.0).rotations
+    np.testing.assert_allclose(np.linalg.norm(between, axis=-1), 1.0, atol=1e-15)

@@ -418,7 +418,6 @@ def _by_subspace(split: Split, orders: tuple[int, ...], settings: Settings) -> l
             stacklevel=4,
         )
         return []
-    problems = InputProblems(records, many=len(reachable) > 3)
     if not subspace.directions:
         if len(orders) == 1:
             warnings.warn(
@@ -428,6 +427,7 @@ def _by_subspace(split: Split, orders: tuple[int, ...], settings: Settings) -> l
                 stacklevel=4,
             )
         return []
+    problems = InputProblems(records, many=len(reachable) > 3)
     found: dict[int, list[_Candidate]] = {}
     for asked in reachable:
         # Further states would be made of rounding, and the model would differ with the last bit of a record.
