@@ -466,7 +466,8 @@ def _check_same_data(folder: Path, dataset: Dataset, work: Iterable[CellJob]) ->
         if job.cell.dataset_digest != dataset.digest:
             raise StoreError(
                 f"data set {dataset.id} is not the one that {folder} was run on: its digest is {dataset.digest[:12]}…, not "
-                f"{job.cell.dataset_digest[:12]}…. Restore its files, or run again"
+                f"{job.cell.dataset_digest[:12]}…. Its files, or the code that reads them, have changed: restore them, or run "
+                "again"
             )
 
 
